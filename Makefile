@@ -1,0 +1,30 @@
+# make demo: two vehicles meet.  make test: the test suite.  Both set everything up first.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+
+.PHONY: install demo test lint type clean
+
+install: $(VENV)/installed
+
+$(VENV)/installed: setup.py constraints.txt
+	sh .ci/debian-packages
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/pip install -q --disable-pip-version-check "torch>=2.4" -c constraints.txt
+	$(BIN)/pip install -q --disable-pip-version-check -e ".[ros,test,dev]" -c constraints.txt
+	touch $@
+
+demo: install
+	$(BIN)/python -m gcl_ros.demo --out build/demo
+
+test: install
+	$(BIN)/python -m pytest
+
+lint: install
+	$(BIN)/ruff check . && $(BIN)/ruff format --check .
+
+type: install
+	$(BIN)/mypy gcl_core
+
+clean:
+	rm -rf $(VENV) build install log *.egg-info

@@ -1,0 +1,37 @@
+"""`gcl`: register two scans, train, evaluate, make bags."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+
+from gcl_core.cli import bag, evaluate, register, train
+from gcl_core.errors import GclError
+
+COMMANDS = (register, train, evaluate, bag)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a subcommand; returns 0, 1 when no transform was found, or 2 for bad input."""
+    parser = argparse.ArgumentParser(
+        prog='gcl',
+        description='Distant registration of LiDAR scans with density-invariant features.',
+        epilog='Exit codes: 0 done, 1 no transform found, 2 bad input.',
+    )
+    commands = parser.add_subparsers(dest='command', required=True, metavar='COMMAND')
+    for command in COMMANDS:
+        command.add_parser(commands)
+    options = parser.parse_args(arguments)
+    try:
+        code: int = options.run(options)
+    except GclError as error:
+        print(f'gcl {options.command}: {error}', file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        return 130
+    return code
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,73 @@
+"""`gcl register SOURCE TARGET`: where the source stands in the target's frame."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gcl_core import se3
+from gcl_core.config import load_config
+from gcl_core.data.clouds import read_cloud, write_cloud
+from gcl_core.evaluation.plots import birds_eye
+from gcl_core.registrar import Registrar, RegistrarConfig
+from gcl_core.types import PointCloud, Registration
+
+
+def add_parser(commands: Any) -> None:
+    """Add the subcommand."""
+    parser: argparse.ArgumentParser = commands.add_parser(
+        'register',
+        help='register two scans',
+        description='Print the transform that maps SOURCE points into the frame of TARGET.',
+        epilog='Example: gcl register b.bin a.bin --picture pair.png',
+    )
+    parser.add_argument('source', type=Path, help='.bin (KITTI), .pcd, .ply or .npy')
+    parser.add_argument('target', type=Path, help='likewise')
+    parser.add_argument('--config', type=Path, help='YAML of RegistrarConfig')
+    parser.add_argument('--aligned', type=Path, help='write the source in the target frame here')
+    parser.add_argument('--picture', type=Path, help="write a bird's-eye picture (.png) here")
+    parser.add_argument('--json', action='store_true', help='print one JSON object')
+    parser.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Register; returns 1 when nothing was found."""
+    config = load_config(RegistrarConfig, options.config) if options.config else None
+    source, target = read_cloud(options.source), read_cloud(options.target)
+    result = Registrar(config).register(source=source, target=target)
+    T = result.T_target_source
+    if options.aligned and T is not None:
+        write_cloud(options.aligned, PointCloud(se3.transform(T, source.points)))
+    if options.picture:
+        title = f'{options.source.name} in the frame of {options.target.name}'
+        birds_eye(options.picture, source=source, target=target, T_target_source=T, title=title)
+    print(json.dumps(_summary(result)) if options.json else _text(result))
+    return 0 if result.found else 1
+
+
+def _summary(result: Registration) -> dict[str, Any]:
+    T = result.T_target_source
+    return {
+        'T_target_source': None if T is None else T.tolist(),
+        'found': result.found,
+        'inliers': result.inliers,
+        'ms': result.ms,
+        **({} if result.found else {'reason': result.reason}),
+    }
+
+
+def _text(result: Registration) -> str:
+    times = ', '.join(f'{stage} {ms:.0f}' for stage, ms in result.ms.items())
+    T = result.T_target_source
+    if T is None:
+        return f'no transform found: {result.reason}\nms        {times}'
+    with np.printoptions(precision=4, suppress=True):
+        return (
+            f'T_target_source\n{T}\n'
+            f'distance  {np.linalg.norm(T[:3, 3]):.2f} m, yaw {np.rad2deg(se3.yaw(T)):.2f} deg\n'
+            f'inliers   {result.inliers} of {result.correspondences}\nms        {times}'
+        )

@@ -1,0 +1,40 @@
+"""`gcl train`: train on simulated streets; resumes where it was stopped."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from gcl_core.config import load_config
+from gcl_core.evaluation.plots import training_curves
+
+
+def add_parser(commands: Any) -> None:
+    """Add the subcommand."""
+    parser: argparse.ArgumentParser = commands.add_parser(
+        'train',
+        help='train an extractor',
+        description='Train on simulated streets. Run again with the same folder to resume.',
+        epilog='Example: gcl train --config config/train_conv.yaml --out runs/conv',
+    )
+    parser.add_argument('--config', type=Path, required=True, help='YAML of TrainConfig')
+    parser.add_argument('--out', type=Path, required=True, help='checkpoint, log, curves, weights')
+    parser.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Train, then write weights with their record and the curves."""
+    from gcl_core.models.zoo import save_weights
+    from gcl_core.training.trainer import TrainConfig, Trainer
+
+    config = load_config(TrainConfig, options.config)
+    trainer = Trainer(config, options.out)
+    trainer.run()
+    record = {'recipe': asdict(config), 'steps': trainer.step, 'data': 'simulated streets only'}
+    save_weights(options.out / 'weights.safetensors', trainer.model, record)
+    log = options.out / 'log.jsonl'
+    training_curves(options.out / 'curves.png', log)
+    print(f'wrote {options.out / "weights.safetensors"} and {options.out / "curves.png"}')
+    return 0

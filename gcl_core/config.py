@@ -1,0 +1,70 @@
+"""Strict YAML into frozen dataclasses: an unknown key or a wrong type is an error that names it."""
+
+from __future__ import annotations
+
+import dataclasses
+import types
+import typing
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+import yaml
+
+from gcl_core.errors import GclError
+
+T = TypeVar('T')
+
+
+def load_config(kind: type[T], path: Path) -> T:
+    """Read a YAML file into `kind`; keys left out keep their defaults.
+
+    Raises:
+        GclError: the file is missing or no YAML, a key is unknown, or a value has the wrong type.
+    """
+    try:
+        content = yaml.safe_load(path.read_text())
+    except OSError as error:
+        raise GclError(f'cannot read config {path}: {error.strerror}') from None
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise GclError(f'{path} is not valid YAML: {error}') from None
+    return from_mapping(kind, content or {}, str(path))
+
+
+def from_mapping(kind: type[T], values: Any, where: str) -> T:
+    """Build a dataclass from nested mappings; `where` names the origin in errors."""
+    if not isinstance(values, Mapping):
+        raise GclError(f'{where}: expected a mapping of keys, got {type(values).__name__}')
+    hints = typing.get_type_hints(kind)
+    fields = {f.name for f in dataclasses.fields(kind)}  # type: ignore[arg-type]
+    for key in values:
+        if key not in fields:
+            raise GclError(f'{where}: unknown key {key!r}; known are {", ".join(sorted(fields))}')
+    return kind(**{k: _convert(hints[k], v, f'{where}: {k}') for k, v in values.items()})
+
+
+def _convert(hint: Any, value: Any, where: str) -> Any:
+    """Check a value against a type hint; integers serve as floats, lists as tuples."""
+    if dataclasses.is_dataclass(hint):
+        return from_mapping(typing.cast(type, hint), value, where)
+    origin, args = typing.get_origin(hint), typing.get_args(hint)
+    if origin is tuple:
+        if not isinstance(value, list | tuple):
+            raise GclError(f'{where}: expected a list, got {value!r}')
+        inner = args[:1] * len(value) if args[-1] is Ellipsis else args
+        if len(inner) != len(value):
+            raise GclError(f'{where}: expected {len(inner)} values, got {len(value)}')
+        return tuple(_convert(h, v, where) for h, v in zip(inner, value, strict=True))
+    if origin is typing.Literal:
+        if value not in args:
+            raise GclError(f'{where}: {value!r} is none of {", ".join(map(str, args))}')
+        return value
+    if origin in (typing.Union, types.UnionType):
+        if value is None and type(None) in args:
+            return None
+        return _convert(next(a for a in args if a is not type(None)), value, where)
+    if hint is float and isinstance(value, int) and not isinstance(value, bool):
+        return float(value)
+    if not isinstance(value, hint) or (isinstance(value, bool) and hint is not bool):
+        raise GclError(f'{where}: expected {hint.__name__}, got {value!r}')
+    return value

@@ -1,0 +1,93 @@
+"""Point clouds in files: KITTI .bin, .pcd, .ply, .npy."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from gcl_core.errors import GclError
+from gcl_core.types import PointCloud
+
+FORMATS = ('.bin', '.pcd', '.ply', '.npy')
+
+
+def read_cloud(path: Path) -> PointCloud:
+    """Read a cloud by its suffix; points that are not finite are dropped.
+
+    `.bin` holds float32 x, y, z, intensity (KITTI); `.npy` an array with at least three columns.
+
+    Raises:
+        GclError: missing, broken, empty, or of an unknown format.
+    """
+    if path.suffix not in FORMATS:
+        raise GclError(f'{path}: unknown format {path.suffix!r}; use {", ".join(FORMATS)}')
+    if not path.is_file():
+        raise GclError(f'no file {path}')
+    if path.suffix == '.bin':
+        array = _read_bin(path)
+    elif path.suffix == '.npy':
+        array = _read_npy(path)
+    else:
+        array = _read_open3d(path)
+    if len(array) == 0:
+        raise GclError(f'{path} holds no points; is it a broken {path.suffix} file?')
+    return PointCloud.from_array(array, str(path))
+
+
+def write_cloud(path: Path, cloud: PointCloud) -> None:
+    """Write a cloud in the format of its suffix.
+
+    Raises:
+        GclError: unknown format, or the file cannot be written.
+    """
+    import open3d as o3d
+
+    try:
+        if path.suffix == '.npy':
+            np.save(path, cloud.points)
+        elif path.suffix == '.bin':
+            rows = np.column_stack([cloud.points, np.zeros(len(cloud), np.float32)])
+            rows.astype(np.float32).tofile(path)
+        elif path.suffix in ('.pcd', '.ply'):
+            tensor = o3d.t.geometry.PointCloud(o3d.core.Tensor(cloud.points))
+            if not o3d.t.io.write_point_cloud(str(path), tensor):
+                raise GclError(f'cannot write {path}; does its folder exist?')
+        else:
+            raise GclError(f'{path}: unknown format {path.suffix!r}; use {", ".join(FORMATS)}')
+    except OSError as error:
+        raise GclError(f'cannot write {path}: {error.strerror}') from None
+
+
+def _read_bin(path: Path) -> np.ndarray:
+    size = path.stat().st_size
+    if size % 16:
+        raise GclError(
+            f'{path} has {size} bytes, not a multiple of 16 (float32 x, y, z, intensity): '
+            'it is cut off or of another layout'
+        )
+    return np.fromfile(path, dtype=np.float32).reshape(-1, 4)
+
+
+def _read_npy(path: Path) -> np.ndarray:
+    try:
+        array = np.load(path, allow_pickle=False)
+    except (ValueError, EOFError, OSError) as error:
+        raise GclError(f'{path} is not a .npy file of numbers: {error}') from None
+    if not isinstance(array, np.ndarray) or array.dtype.kind not in 'fiu':
+        raise GclError(f'{path} does not hold an array of numbers')
+    return array
+
+
+def _read_open3d(path: Path) -> np.ndarray:
+    import open3d as o3d
+
+    with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
+        try:
+            cloud = o3d.t.io.read_point_cloud(str(path))
+        except RuntimeError as error:
+            raise GclError(f'{path} is not a readable {path.suffix} file: {error}') from None
+    if 'positions' not in cloud.point:
+        return np.empty((0, 3), dtype=np.float32)
+    positions: np.ndarray = cloud.point['positions'].numpy()
+    return positions

@@ -1,0 +1,61 @@
+"""Pairs of scans of one drive, by the distance between their sensors."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence as List
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from gcl_core import se3
+from gcl_core.data.sequence import Sequence, positions
+
+BINS = ((5, 10), (10, 20), (20, 30), (30, 40), (40, 50))  # metres; the paper's five sets
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two scans of a sequence.
+
+    Attributes:
+        source: scan index.
+        target: scan index.
+        distance: between the two sensors, metres.
+        bin: the set that the distance falls into, metres.
+    """
+
+    source: int
+    target: int
+    distance: float
+    bin: tuple[int, int]
+
+
+def draw_pairs(
+    sequence: Sequence,
+    *,
+    per_bin: int,
+    seed: int = 0,
+    bins: List[tuple[int, int]] = BINS,
+) -> list[Pair]:
+    """Draw up to `per_bin` random pairs for each distance bin; the earlier scan is the target.
+
+    Not the paper's protocol for KITTI [b1, b2], which needs a whole drive; short sequences use it.
+    Pairs of one drive are correlated, so that intervals on them are too narrow.
+    """
+    where = positions(sequence)
+    distance = np.linalg.norm(where[:, None] - where[None], axis=2)
+    rng = np.random.default_rng(seed)
+    pairs = []
+    for low, high in bins:
+        target, source = np.nonzero(np.triu((distance >= low) & (distance < high)))
+        chosen = np.sort(rng.permutation(len(source))[:per_bin])
+        for s, t in zip(source[chosen], target[chosen], strict=True):
+            pairs.append(Pair(int(s), int(t), float(distance[t, s]), (low, high)))
+    return pairs
+
+
+def T_target_source(sequence: Sequence, pair: Pair) -> Float[np.ndarray, '4 4']:
+    """True transform of a pair."""
+    T_world_target = sequence.T_world_lidar(pair.target)
+    return se3.inverse(T_world_target) @ sequence.T_world_lidar(pair.source)

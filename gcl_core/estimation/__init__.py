@@ -1,0 +1,1 @@
+"""Correspondences to a transform: minimal solvers, RANSAC, refinement on the full scans."""

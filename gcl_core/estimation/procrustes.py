@@ -1,0 +1,70 @@
+"""Closed-form transforms from correspondences, batched."""
+
+from __future__ import annotations
+
+import torch
+from jaxtyping import Float
+
+
+def kabsch(
+    source: Float[torch.Tensor, 'n 3'],
+    target: Float[torch.Tensor, 'n 3'],
+    weight: Float[torch.Tensor, ' n'],
+) -> Float[torch.Tensor, '4 4']:
+    """Weighted least-squares rigid transform `T_target_source` (Kabsch, 1976), float64.
+
+    Weights are not negative and not all zero.
+    """
+    p, q = source.double(), target.double()
+    w = (weight / weight.sum()).double().unsqueeze(1)
+    p_mean, q_mean = (w * p).sum(0), (w * q).sum(0)
+    covariance = (w * (p - p_mean)).t() @ (q - q_mean)
+    u, _, vt = torch.linalg.svd(covariance)
+    mirror = torch.ones(3, dtype=torch.float64)
+    mirror[2] = torch.sign(torch.linalg.det(u @ vt))
+    rotation = vt.t() @ torch.diag(mirror) @ u.t()
+    T = torch.eye(4, dtype=torch.float64)
+    T[:3, :3] = rotation
+    T[:3, 3] = q_mean - rotation @ p_mean
+    return T
+
+
+def _assemble(
+    rotation: Float[torch.Tensor, 'h 3 3'],
+    source: Float[torch.Tensor, 'h k 3'],
+    target: Float[torch.Tensor, 'h k 3'],
+) -> Float[torch.Tensor, 'h 4 4']:
+    """Add the translation that brings the mean of the source points onto the target's."""
+    T = torch.eye(4, dtype=source.dtype).repeat(len(source), 1, 1)
+    T[:, :3, :3] = rotation
+    T[:, :3, 3] = target.mean(1) - (rotation @ source.mean(1).unsqueeze(2)).squeeze(2)
+    return T
+
+
+def from_two_points(
+    source: Float[torch.Tensor, 'h 2 3'], target: Float[torch.Tensor, 'h 2 3']
+) -> Float[torch.Tensor, 'h 4 4']:
+    """Yaw and translation from two correspondences each: both vehicles stand level."""
+    p, q = source[:, 1] - source[:, 0], target[:, 1] - target[:, 0]
+    yaw = torch.atan2(q[:, 1], q[:, 0]) - torch.atan2(p[:, 1], p[:, 0])
+    rotation = torch.eye(3, dtype=source.dtype).repeat(len(source), 1, 1)
+    rotation[:, 0, 0] = rotation[:, 1, 1] = torch.cos(yaw)
+    rotation[:, 1, 0] = torch.sin(yaw)
+    rotation[:, 0, 1] = -rotation[:, 1, 0]
+    return _assemble(rotation, source, target)
+
+
+def _triad(points: Float[torch.Tensor, 'h 3 3']) -> Float[torch.Tensor, 'h 3 3']:
+    """Orthonormal axes attached to three points, as columns."""
+    first = torch.nn.functional.normalize(points[:, 1] - points[:, 0], dim=1)
+    normal = torch.linalg.cross(first, points[:, 2] - points[:, 0])
+    normal = torch.nn.functional.normalize(normal, dim=1)
+    return torch.stack([first, torch.linalg.cross(normal, first), normal], 2)
+
+
+def from_three_points(
+    source: Float[torch.Tensor, 'h 3 3'], target: Float[torch.Tensor, 'h 3 3']
+) -> Float[torch.Tensor, 'h 4 4']:
+    """Rigid transform from three correspondences each, by aligning triads (Horn, 1987)."""
+    rotation = _triad(target) @ _triad(source).transpose(1, 2)
+    return _assemble(rotation, source, target)

@@ -1,0 +1,1 @@
+"""How good a registrar is: metrics, tables, pictures."""

@@ -1,0 +1,1 @@
+"""Networks that describe scans: `describe(PointCloud) -> Features`, one contract for all."""

@@ -1,0 +1,44 @@
+"""Building blocks of the sparse Res-UNet (Choy et al., FCGF, ICCV 2019)."""
+
+from __future__ import annotations
+
+import torch
+from jaxtyping import Float
+from torch import nn
+
+from gcl_core.ops.kernel_map import KernelMap
+from gcl_core.ops.sparse_conv import SparseConv
+
+BN_MOMENTUM = 0.05  # of the public code, for both FCGF and GCL+Conv
+
+
+class ConvNorm(nn.Module):
+    """Sparse convolution and batch norm."""
+
+    def __init__(self, in_channels: int, out_channels: int, kernel: int = 3) -> None:
+        super().__init__()
+        self.conv = SparseConv(in_channels, out_channels, kernel)
+        self.norm = nn.BatchNorm1d(out_channels, momentum=BN_MOMENTUM)
+
+    def forward(
+        self, x: Float[torch.Tensor, 'n_in c_in'], kmap: KernelMap
+    ) -> Float[torch.Tensor, 'n_out c_out']:
+        """Convolve over `kmap` and normalise."""
+        out: torch.Tensor = self.norm(self.conv(x, kmap))
+        return out
+
+
+class ResidualBlock(nn.Module):
+    """conv3-BN-ReLU-conv3-BN, plus the identity, ReLU."""
+
+    def __init__(self, channels: int) -> None:
+        super().__init__()
+        self.first = ConvNorm(channels, channels)
+        self.second = ConvNorm(channels, channels)
+
+    def forward(
+        self, x: Float[torch.Tensor, 'n c'], kmap: KernelMap
+    ) -> Float[torch.Tensor, 'n c']:
+        """Keep voxels and channels."""
+        out = torch.relu(self.first(x, kmap))
+        return torch.relu(self.second(out, kmap) + x)

@@ -1,0 +1,89 @@
+"""Shipped and own weights: safetensors whose metadata say what they are."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save_file
+
+from gcl_core.config import from_mapping
+from gcl_core.errors import GclError
+from gcl_core.models.resunet import ResUNet, ResUNetConfig
+
+FOLDER = Path(__file__).parent / 'weights'
+DEFAULT = 'gcl_conv'
+FORMAT = 'gcl-resunet-1'
+
+
+def save_weights(path: Path, model: ResUNet, record: dict[str, Any]) -> None:
+    """Write weights in float32 with the network's config, and `record` beside them as JSON.
+
+    Args:
+        path: ends in `.safetensors`.
+        model: trained network.
+        record: recipe, seed, measured recall: whatever tells where the weights come from.
+    """
+    tensors = {name: t.contiguous() for name, t in model.state_dict().items()}
+    network = json.dumps(asdict(model.config))
+    save_file(tensors, path, metadata={'format': FORMAT, 'network': network})
+    digest = hashlib.sha256(path.read_bytes()).hexdigest()
+    card = {'sha256': digest, 'network': asdict(model.config), **record}
+    path.with_suffix('.json').write_text(json.dumps(card, indent=2) + '\n')
+
+
+def load_weights(name_or_path: str = DEFAULT) -> ResUNet:
+    """Load a shipped name or a `.safetensors` file, ready to describe scans.
+
+    Raises:
+        GclError: no such weights, a broken file, or one of another format.
+    """
+    path = Path(name_or_path)
+    if path.suffix != '.safetensors':
+        path = FOLDER / f'{name_or_path}.safetensors'
+    if not path.is_file():
+        shipped = ', '.join(sorted(p.stem for p in FOLDER.glob('*.safetensors'))) or 'none'
+        raise GclError(f'no weights {name_or_path!r}; shipped are: {shipped}, or give a file')
+    _check_hash(path)
+    try:
+        with safe_open(path, framework='pt') as file:
+            metadata = file.metadata() or {}
+            if metadata.get('format') != FORMAT:
+                raise GclError(
+                    f'{path} has format {metadata.get("format")!r}, this version reads {FORMAT!r}; '
+                    'write it with `gcl train --export`'
+                )
+            tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118
+    except SafetensorError as error:
+        raise GclError(f'{path} is not a safetensors file: {error}') from None
+    config = from_mapping(ResUNetConfig, json.loads(metadata['network']), str(path))
+    model = ResUNet(config)
+    try:
+        model.load_state_dict(tensors)
+    except RuntimeError as error:
+        raise GclError(f'{path}: weights and network do not fit: {error}') from None
+    return model.eval()
+
+
+def _check_hash(path: Path) -> None:
+    card = path.with_suffix('.json')
+    if not card.is_file():
+        return
+    expected = json.loads(card.read_text()).get('sha256')
+    found = hashlib.sha256(path.read_bytes()).hexdigest()
+    if expected != found:
+        raise GclError(
+            f'{path} has sha256 {found[:12]}…, its record says {str(expected)[:12]}…; '
+            'the file is damaged or replaced: restore it, or remove the record'
+        )
+
+
+def best_dtype() -> torch.dtype:
+    """bfloat16 where this processor multiplies it natively, else float32."""
+    capable = torch.cpu._is_avx512_bf16_supported() or torch.cpu._is_amx_tile_supported()
+    return torch.bfloat16 if capable else torch.float32

@@ -1,0 +1,93 @@
+"""Points to occupied voxels.
+
+A voxel is one int64 key: 15 bits of scan index, then x, y and z in 16 bits each, biased so that
+they are positive. Sorted keys are sorted by scan, x, y, z; voxels one above the other are
+neighbours in the list. Halving the resolution is a shift (`coarsen`), a neighbour is an addition.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import torch
+from jaxtyping import Float, Int64
+
+from gcl_core.errors import GclError
+from gcl_core.types import PointCloud, SparseTensor
+
+AXIS_BITS = 16
+BIAS = 1 << (AXIS_BITS - 1)
+LOW_MASK = (1 << 3 * AXIS_BITS) - 1
+HALF_MASK = 0x7FFF7FFF7FFF
+MARGIN = 64  # room for kernel offsets at the border, in voxels
+
+
+def encode(coords: Int64[torch.Tensor, 'n 3'], scan: int = 0) -> Int64[torch.Tensor, ' n']:
+    """Pack integer voxel coordinates into keys.
+
+    Raises:
+        GclError: a coordinate lies outside the grid of 2^16 voxels an axis.
+    """
+    if len(coords) and int(coords.abs().max()) > BIAS - MARGIN:
+        raise GclError(
+            f'a point lies {int(coords.abs().max())} voxels from the sensor, the grid ends at '
+            f'{BIAS - MARGIN}; remove far outliers or use larger voxels'
+        )
+    x, y, z = (coords + BIAS).unbind(1)
+    return (scan << 3 * AXIS_BITS) | (x << 2 * AXIS_BITS) | (y << AXIS_BITS) | z
+
+
+def coarsen(keys: Int64[torch.Tensor, ' n']) -> Int64[torch.Tensor, ' n']:
+    """Key of the voxel of twice the size that holds each voxel (not unique)."""
+    low = keys & LOW_MASK
+    return (keys - low) | ((low >> 1) & HALF_MASK)
+
+
+def refine(keys: Int64[torch.Tensor, ' n']) -> Int64[torch.Tensor, ' n']:
+    """Key of the corner voxel of half the size: inverse of `coarsen` for even coordinates."""
+    low = keys & LOW_MASK
+    return (keys - low) | (low << 1)
+
+
+def barycentres(
+    points: Float[torch.Tensor, 'n 3'], row: Int64[torch.Tensor, ' n'], count: int
+) -> Float[torch.Tensor, 'm 3']:
+    """Mean of the points of each row; `row[i]` in [0, count) says where point i belongs."""
+    total = points.new_zeros(count, 3).index_add_(0, row, points)
+    return total / torch.bincount(row, minlength=count).clamp(min=1).unsqueeze(1)
+
+
+def voxelize(
+    clouds: Sequence[PointCloud], *, voxel_size: float, max_range: float
+) -> SparseTensor:
+    """Voxelise a batch of scans; the only feature is the constant 1 of the paper.
+
+    Args:
+        clouds: scans, each in its own sensor frame.
+        voxel_size: edge of a voxel in metres (the paper: 0.3).
+        max_range: points further than this from the sensor, in metres, are left out.
+
+    Raises:
+        GclError: no point of a scan lies within `max_range`.
+    """
+    keys, points, splits = [], [], [0]
+    for scan, cloud in enumerate(clouds):
+        xyz = torch.from_numpy(cloud.points)
+        xyz = xyz[xyz.square().sum(1) <= max_range**2]
+        if len(xyz) == 0:
+            raise GclError(
+                f'none of the {len(cloud)} points of scan {scan} lies within {max_range:g} m of '
+                'the sensor; check its unit (metres) and frame (origin at the sensor)'
+            )
+        key = encode(torch.floor(xyz / voxel_size).long(), scan)
+        unique, row = torch.unique(key, return_inverse=True)
+        keys.append(unique)
+        points.append(barycentres(xyz, row, len(unique)))
+        splits.append(splits[-1] + len(unique))
+    all_points = torch.cat(points)
+    return SparseTensor(
+        keys=torch.cat(keys),
+        points=all_points,
+        features=all_points.new_ones(len(all_points), 1),
+        splits=tuple(splits),
+    )

@@ -1,0 +1,1 @@
+"""Training: samples → network → losses → weights."""

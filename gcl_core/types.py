@@ -1,0 +1,157 @@
+"""What one stage hands to the next.
+
+Axis glossary, used in every shape of this project:
+    n, m    points or voxels (source, target)     c   feature channels
+    k       neighbours or kernel offsets          d   descriptor length
+    g       positive groups                       h   hypotheses
+Points are in metres in the frame of the sensor that saw them unless a name says otherwise.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import torch
+from jaxtyping import Float, Float32, Int64
+
+from gcl_core.errors import GclError
+
+
+@dataclass(frozen=True)
+class PointCloud:
+    """One LiDAR scan.
+
+    Attributes:
+        points: finite x, y, z in metres, sensor frame (x forward, y left, z up).
+    """
+
+    points: Float32[np.ndarray, 'n 3']
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    @staticmethod
+    def from_array(array: np.ndarray, name: str = 'cloud') -> PointCloud:
+        """Take x, y, z from the first three columns and drop points that are not finite.
+
+        Raises:
+            GclError: the array has no three columns, or no finite point.
+        """
+        if array.ndim != 2 or array.shape[1] < 3:
+            raise GclError(f'{name}: expected an (n, 3) array of points, got shape {array.shape}')
+        points = np.ascontiguousarray(array[:, :3], dtype=np.float32)
+        finite = np.isfinite(points).all(axis=1)
+        if not finite.any():
+            raise GclError(f'{name}: none of its {len(points)} points is finite; check the sensor')
+        return PointCloud(points if finite.all() else points[finite])
+
+
+@dataclass(frozen=True)
+class SparseTensor:
+    """Occupied voxels of one or more scans.
+
+    Attributes:
+        keys: sorted voxel keys, scan index in the top bits (see `gcl_core.ops.voxelize`).
+        points: barycentre of each voxel's points, metres, sensor frame.
+        features: input features of each voxel.
+        splits: voxel i belongs to scan b when `splits[b] <= i < splits[b + 1]`.
+    """
+
+    keys: Int64[torch.Tensor, ' n']
+    points: Float[torch.Tensor, 'n 3']
+    features: Float[torch.Tensor, 'n c']
+    splits: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Features:
+    """What a scan looks like to others: key points with descriptors. Computed once per scan.
+
+    Attributes:
+        points: metres, sensor frame.
+        descriptors: unit length.
+    """
+
+    points: Float[torch.Tensor, 'n 3']
+    descriptors: Float[torch.Tensor, 'n d']
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+
+@dataclass(frozen=True)
+class Correspondences:
+    """Matched key points, row by row.
+
+    Attributes:
+        source: metres, source frame.
+        target: metres, target frame.
+        weight: similarity of the two descriptors (cosine), in [-1, 1].
+    """
+
+    source: Float[torch.Tensor, 'n 3']
+    target: Float[torch.Tensor, 'n 3']
+    weight: Float[torch.Tensor, ' n']
+
+    def __len__(self) -> int:
+        return len(self.source)
+
+
+@dataclass(frozen=True)
+class PositiveGroups:
+    """Observations of the same spots from several scans, in CSR form.
+
+    Group j holds the members `member[offsets[j]:offsets[j + 1]]`; its first member is the
+    centre scan's own. A pair is a group of two.
+
+    Attributes:
+        offsets: start of each group, and the end of the last.
+        member: row of the stacked features of all scans.
+        sensor_range: distance from each member to the sensor that saw it, metres.
+        finest: position in `member` of each group's finest one (see `gcl_core.data.groups`).
+        anchor: where each spot is, metres, centre scan's frame.
+    """
+
+    offsets: Int64[torch.Tensor, ' g+1']
+    member: Int64[torch.Tensor, ' n']
+    sensor_range: Float[torch.Tensor, ' n']
+    finest: Int64[torch.Tensor, ' g']
+    anchor: Float[torch.Tensor, 'g 3']
+
+    def __len__(self) -> int:
+        return len(self.offsets) - 1
+
+    @property
+    def sizes(self) -> Int64[torch.Tensor, ' g']:
+        """Number of members of each group."""
+        return self.offsets[1:] - self.offsets[:-1]
+
+    @property
+    def group(self) -> Int64[torch.Tensor, ' n']:
+        """Group index of each member."""
+        return torch.repeat_interleave(torch.arange(len(self)), self.sizes)
+
+
+@dataclass(frozen=True)
+class Registration:
+    """The outcome for one pair of scans.
+
+    Attributes:
+        T_target_source: maps source points into the target frame; None when nothing was found.
+        inliers: correspondences that agree with the transform.
+        correspondences: correspondences that were offered.
+        reason: why nothing was found; empty otherwise.
+        ms: time of each stage in milliseconds, `total` among them.
+    """
+
+    T_target_source: Float[np.ndarray, '4 4'] | None
+    inliers: int
+    correspondences: int
+    reason: str = ''
+    ms: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def found(self) -> bool:
+        """Whether there is a transform."""
+        return self.T_target_source is not None

@@ -1,0 +1,143 @@
+"""Bags of two vehicles: `/target/points`, `/source/points` and the true `/truth/transform`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from jaxtyping import Float
+from rosbags.rosbag2 import Reader, ReaderError, StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+
+from gcl_core import se3
+from gcl_core.data.sequence import Sequence
+from gcl_core.errors import GclError
+from gcl_core.types import PointCloud
+from gcl_ros.conversions import fill_point_cloud2, fill_transform
+
+STORE = Stores.ROS2_HUMBLE  # the messages used here are the same from Humble to Kilted
+VERSION = 8  # of the metadata; Humble to Iron cannot read 9
+SOURCE, TARGET, TRUTH = '/source/points', '/target/points', '/truth/transform'
+FRAMES = {'source': 'source/lidar', 'target': 'target/lidar'}
+
+
+@dataclass(frozen=True)
+class Encounter:
+    """Two scans at one moment and where they stand to each other.
+
+    Attributes:
+        stamp: seconds.
+        source: scan.
+        target: scan.
+        T_target_source: true transform.
+    """
+
+    stamp: float
+    source: PointCloud
+    target: PointCloud
+    T_target_source: Float[np.ndarray, '4 4']
+
+
+def pair_encounters(
+    source: Sequence, target: Sequence, indices: Iterable[tuple[int, int]], period: float
+) -> Iterator[Encounter]:
+    """Turn (source, target) scan indices of two drives in one world into encounters."""
+    for number, (s, t) in enumerate(indices):
+        T = se3.inverse(target.T_world_lidar(t)) @ source.T_world_lidar(s)
+        yield Encounter(1.0 + number * period, source.scan(s), target.scan(t), T)
+
+
+def following(sequence: Sequence, distance: float) -> list[tuple[int, int]]:
+    """For every scan as target, the first later scan at least `distance` metres away."""
+    where = np.stack([sequence.T_world_lidar(i)[:3, 3] for i in range(len(sequence))])
+    pairs = []
+    for target in range(len(where)):
+        apart = np.linalg.norm(where[target:] - where[target], axis=1) >= distance
+        if apart.any():
+            pairs.append((target + int(apart.argmax()), target))
+    if not pairs:
+        raise GclError(f'no two scans of {sequence.name} are {distance:g} m apart')
+    return pairs
+
+
+def write_bag(
+    path: Path, encounters: Iterable[Encounter], storage: Literal['mcap', 'sqlite3'] = 'mcap'
+) -> int:
+    """Write encounters; return how many.
+
+    Raises:
+        GclError: the folder exists already.
+    """
+    if path.exists():
+        raise GclError(f'{path} exists already; remove it or choose another name')
+    plugin = StoragePlugin.MCAP if storage == 'mcap' else StoragePlugin.SQLITE3
+    types = get_typestore(STORE)
+    cloud, transform = 'sensor_msgs/msg/PointCloud2', 'geometry_msgs/msg/TransformStamped'
+    count = 0
+    with Writer(path, version=VERSION, storage_plugin=plugin) as writer:
+        topics = {
+            name: writer.add_connection(name, kind, typestore=types)
+            for name, kind in ((SOURCE, cloud), (TARGET, cloud), (TRUTH, transform))
+        }
+        for encounter in encounters:
+            stamp = round(encounter.stamp * 1e9)
+            for topic, message in _messages(types, encounter, stamp):
+                data = types.serialize_cdr(message, message.__msgtype__)
+                writer.write(topics[topic], stamp, data)
+            count += 1
+    return count
+
+
+def _messages(types: Any, encounter: Encounter, stamp: int) -> Iterator[tuple[str, Any]]:
+    """The three messages of an encounter, truth first."""
+    t = types.types
+    header = lambda frame: t['std_msgs/msg/Header'](  # noqa: E731
+        stamp=t['builtin_interfaces/msg/Time'](sec=stamp // 10**9, nanosec=stamp % 10**9),
+        frame_id=frame,
+    )
+    transform = t['geometry_msgs/msg/Transform'](
+        translation=t['geometry_msgs/msg/Vector3'](x=0.0, y=0.0, z=0.0),
+        rotation=t['geometry_msgs/msg/Quaternion'](x=0.0, y=0.0, z=0.0, w=1.0),
+    )
+    yield (
+        TRUTH,
+        t['geometry_msgs/msg/TransformStamped'](
+            header=header(FRAMES['target']),
+            child_frame_id=FRAMES['source'],
+            transform=fill_transform(transform, encounter.T_target_source),
+        ),
+    )
+    for topic, side in ((TARGET, 'target'), (SOURCE, 'source')):
+        message = t['sensor_msgs/msg/PointCloud2'](
+            header=header(FRAMES[side]),
+            height=1,
+            width=0,
+            fields=[],
+            is_bigendian=False,
+            point_step=0,
+            row_step=0,
+            data=np.empty(0, np.uint8),
+            is_dense=True,
+        )
+        points = getattr(encounter, side).points
+        fill_point_cloud2(message, points, t['sensor_msgs/msg/PointField'])
+        message.data = np.frombuffer(message.data, dtype=np.uint8)
+        yield topic, message
+
+
+@contextmanager
+def open_bag(path: Path) -> Iterator[Reader]:
+    """Open a rosbag2 folder.
+
+    Raises:
+        GclError: missing or damaged.
+    """
+    try:
+        with Reader(path) as reader:
+            yield reader
+    except (ReaderError, OSError) as error:
+        raise GclError(f'cannot read bag {path}: {error}') from None

@@ -1,0 +1,66 @@
+"""Package of the node and its core; `ament_python` under colcon, plain pip elsewhere."""
+
+from glob import glob
+
+from setuptools import find_packages, setup
+
+NAME = 'gcl_ros'
+ROS = (
+    'rclpy rmw-fastrtps-cpp sensor-msgs geometry-msgs rosgraph-msgs rcl-interfaces '
+    'diagnostic-msgs std-srvs lifecycle-msgs'
+).split()
+
+setup(
+    name=NAME,
+    version='0.1.0',
+    description='Where two vehicles stand to each other, from nothing but their LiDAR clouds',
+    license='Apache-2.0',
+    maintainer='GCL-ROS developers',
+    maintainer_email='gcl-ros@users.noreply.github.com',
+    python_requires='>=3.10',
+    packages=find_packages(include=['gcl_core*', 'gcl_ros*']),
+    package_data={'gcl_core.models': ['weights/*']},
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
+        (f'share/{NAME}', ['package.xml']),
+        (f'share/{NAME}/config', glob('config/*')),
+    ],
+    install_requires=[
+        'torch>=2.4',
+        'numpy>=1.26',
+        'scipy>=1.10',
+        'open3d-cpu>=0.19; platform_system == "Linux" and platform_machine == "x86_64"',
+        'open3d>=0.19; platform_system != "Linux" or platform_machine != "x86_64"',
+        'small_gicp>=1.0',
+        'safetensors>=0.4.3',
+        'pyyaml>=6',
+        'jaxtyping>=0.2.28',
+        'matplotlib>=3.7',
+        'tqdm>=4.60',
+        'rosbags>=0.10.6',
+    ],
+    extras_require={
+        # rclpy from PyPI, for machines without a ROS 2 installation
+        'ros': [f'ros-kilted-{package}' for package in ROS],
+        'test': [
+            'pytest>=7',
+            'setuptools<80',  # the last that colcon's ament_python build works with
+            'colcon-core',
+            'colcon-ros',
+            'colcon-python-setup-py',
+            'colcon-recursive-crawl',
+            'colcon-bash',
+            'colcon-package-selection',
+            'catkin-pkg',
+        ],
+        'dev': ['ruff', 'mypy', 'types-PyYAML'],
+    },
+    entry_points={
+        'console_scripts': [
+            'registrar = gcl_ros.registrar_node:main',
+            'replay = gcl_ros.replay:main',
+            'gcl = gcl_core.cli.main:main',
+        ]
+    },
+    zip_safe=False,
+)

@@ -1,0 +1,46 @@
+from pathlib import Path
+
+import pytest
+
+from gcl_core.config import from_mapping, load_config
+from gcl_core.errors import GclError
+from gcl_core.registrar import RegistrarConfig
+from gcl_core.training.trainer import TrainConfig
+
+CONFIG = Path(__file__).parents[2] / 'config'
+
+
+def test_nested_values_and_defaults():
+    config = from_mapping(RegistrarConfig, {'turns': 3, 'ransac': {'threshold': 1}}, 'x')
+    assert (config.turns, config.ransac.threshold) == (3, 1.0)
+    assert config.min_inliers == RegistrarConfig().min_inliers
+
+
+@pytest.mark.parametrize(
+    ('values', 'message'),
+    [
+        ({'turn': 3}, "unknown key 'turn'"),
+        ({'turns': 'many'}, "turns: expected int, got 'many'"),
+        ({'turns': True}, 'turns: expected int'),
+        ({'turns': 0}, 'turns is 0'),
+        ({'ransac': 3}, 'ransac: expected a mapping'),
+        ({'ransac': {'model': 'best'}}, "'best' is none of level, rigid"),
+        ({'refine': {'reach': 2.0}}, 'reach: expected a list'),
+    ],
+)
+def test_bad_values_are_named(values, message):
+    with pytest.raises(GclError, match=message):
+        from_mapping(RegistrarConfig, values, 'here')
+
+
+def test_broken_files_are_named(tmp_path):
+    with pytest.raises(GclError, match='cannot read config'):
+        load_config(RegistrarConfig, tmp_path / 'none.yaml')
+    (tmp_path / 'bad.yaml').write_text('a: [1')
+    with pytest.raises(GclError, match='not valid YAML'):
+        load_config(RegistrarConfig, tmp_path / 'bad.yaml')
+
+
+@pytest.mark.parametrize('path', sorted(CONFIG.glob('train_*.yaml')), ids=lambda p: p.name)
+def test_training_configs_load(path):
+    load_config(TrainConfig, path)

@@ -1,0 +1,147 @@
+"""Readers on small trees in the real layout, written here."""
+
+import numpy as np
+import pytest
+
+from gcl_core import se3
+from gcl_core.data.clouds import read_cloud, write_cloud
+from gcl_core.data.kitti import KittiSequence
+from gcl_core.data.pairs import T_target_source, draw_pairs
+from gcl_core.data.simulator.sensors import sensor_named
+from gcl_core.data.simulator.sequence import SimulatedSequence
+from gcl_core.errors import GclError
+from gcl_core.types import PointCloud
+
+
+@pytest.fixture
+def kitti(tmp_path):
+    """Three scans 10 m apart along LiDAR x; the camera looks along it."""
+    folder = tmp_path / 'sequences' / '05'
+    (folder / 'velodyne').mkdir(parents=True)
+    (tmp_path / 'poses').mkdir()
+    rng = np.random.default_rng(0)
+    for i in range(3):
+        rng.normal(size=(20, 4)).astype(np.float32).tofile(folder / 'velodyne' / f'{i:06d}.bin')
+    (folder / 'calib.txt').write_text(
+        'P0: 1 0 0 0 0 1 0 0 0 0 1 0\nTr: 0 -1 0 0.1 0 0 -1 0.2 1 0 0 -0.3\n'
+    )
+    (folder / 'times.txt').write_text('0.0\n0.1\n0.2\n')
+    (tmp_path / 'poses' / '05.txt').write_text(
+        ''.join(f'1 0 0 0 0 1 0 0 0 0 1 {10 * i}\n' for i in range(3))
+    )
+    return tmp_path
+
+
+def test_kitti_poses_are_turned_to_lidar_axes(kitti):
+    sequence = KittiSequence(kitti, '05')
+    assert len(sequence) == 3
+    assert len(sequence.scan(1)) == 20
+    assert sequence.stamp(2) == pytest.approx(0.2)
+    T = se3.inverse(sequence.T_world_lidar(0)) @ sequence.T_world_lidar(2)
+    np.testing.assert_allclose(T[:3, 3], [20, 0, 0], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ('breakage', 'message'),
+    [
+        (lambda r: (r / 'sequences/05/velodyne/000001.bin').unlink(), '2 scans but 3 poses'),
+        (lambda r: (r / 'poses/05.txt').unlink(), 'no file .*05.txt'),
+        (lambda r: (r / 'sequences/05/calib.txt').write_text('P0: 1\n'), 'no line `Tr:`'),
+        (lambda r: (r / 'poses/05.txt').write_text('1 2 3\n' * 3), 'expected 12 numbers'),
+    ],
+)
+def test_broken_kitti_trees_are_named(kitti, breakage, message):
+    breakage(kitti)
+    with pytest.raises(GclError, match=message):
+        KittiSequence(kitti, '05')
+
+
+def test_real_sequence_reads(real_root):
+    sequence = KittiSequence(real_root, '80')
+    assert len(sequence) == 52
+    assert len(sequence.scan(0)) > 100_000
+
+
+@pytest.mark.parametrize('suffix', ['.bin', '.npy', '.pcd', '.ply'])
+def test_clouds_survive_a_round_trip(tmp_path, suffix):
+    points = np.random.default_rng(0).normal(size=(50, 3)).astype(np.float32)
+    write_cloud(tmp_path / f'c{suffix}', PointCloud(points))
+    np.testing.assert_allclose(read_cloud(tmp_path / f'c{suffix}').points, points, atol=1e-6)
+
+
+def test_points_that_are_not_finite_are_dropped(tmp_path):
+    points = np.zeros((4, 3), np.float32)
+    points[1, 2] = np.nan
+    points[2, 0] = np.inf
+    np.save(tmp_path / 'c.npy', points)
+    assert len(read_cloud(tmp_path / 'c.npy')) == 2
+
+
+@pytest.mark.parametrize(
+    ('name', 'content', 'message'),
+    [
+        ('missing.bin', None, 'no file'),
+        ('cut.bin', b'12345', 'multiple of 16'),
+        ('empty.bin', b'', 'no points'),
+        ('text.npy', b'hello', 'not a .npy'),
+        ('text.pcd', b'hello', 'no points|not a readable'),
+        ('text.ply', b'hello', 'no points|not a readable'),
+        ('cloud.las', b'', 'unknown format'),
+    ],
+)
+def test_broken_clouds_are_named(tmp_path, name, content, message):
+    path = tmp_path / name
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(GclError, match=message):
+        read_cloud(path)
+
+
+def test_all_nan_and_wrong_shape_are_named(tmp_path):
+    np.save(tmp_path / 'nan.npy', np.full((5, 3), np.nan))
+    np.save(tmp_path / 'flat.npy', np.zeros(7))
+    with pytest.raises(GclError, match='none of its 5 points is finite'):
+        read_cloud(tmp_path / 'nan.npy')
+    with pytest.raises(GclError, match=r'got shape \(7,\)'):
+        read_cloud(tmp_path / 'flat.npy')
+
+
+def test_simulated_scans_agree_with_their_poses(drive):
+    """Two scans 6 m apart, aligned by their poses, lie on each other; unaligned they do not."""
+    from scipy.spatial import cKDTree
+
+    target, source = drive.scan(90), drive.scan(96)
+    T = se3.inverse(drive.T_world_lidar(90)) @ drive.T_world_lidar(96)
+    tree = cKDTree(target.points)
+    high = source.points[source.points[:, 2] > -1.0][::10]
+    aligned = np.median(tree.query(se3.transform(T, high))[0])
+    assert aligned < 0.12
+    assert aligned < 0.5 * np.median(tree.query(high)[0])
+
+
+def test_simulation_follows_from_the_seed(drive):
+    again = SimulatedSequence(3)
+    np.testing.assert_array_equal(again.scan(90).points, drive.scan(90).points)
+    assert not np.array_equal(SimulatedSequence(4).scan(90).points[:10], drive.scan(90).points[:10])
+
+
+def test_oncoming_vehicle_looks_the_other_way_in_the_same_world(drive):
+    oncoming = SimulatedSequence(3, oncoming=True)
+    T = se3.inverse(drive.T_world_lidar(90)) @ oncoming.T_world_lidar(90)
+    assert abs(abs(se3.yaw(T)) - np.pi) < 0.3
+    assert 1.0 < np.linalg.norm(T[:3, 3]) < 15.0
+
+
+def test_unknown_sensor_is_named():
+    with pytest.raises(GclError, match="unknown sensor 'vlp99'"):
+        sensor_named('vlp99')
+
+
+def test_pairs_lie_in_their_bins(drive):
+    pairs = draw_pairs(drive, per_bin=5)
+    assert len(pairs) == 25
+    for pair in pairs:
+        true = np.linalg.norm(T_target_source(drive, pair)[:3, 3])
+        assert true == pytest.approx(pair.distance)
+        assert pair.bin[0] <= pair.distance < pair.bin[1]
+    assert pairs == draw_pairs(drive, per_bin=5)

@@ -1,0 +1,95 @@
+import math
+
+import numpy as np
+import pytest
+import torch
+
+from gcl_core import se3
+from gcl_core.errors import GclError
+from gcl_core.estimation.procrustes import kabsch
+from gcl_core.estimation.ransac import RansacConfig, ransac
+from gcl_core.estimation.refine import RefineConfig, prepare, refine
+from gcl_core.evaluation import metrics
+from gcl_core.matching.mutual import match_mutual
+from gcl_core.types import Correspondences, Features
+
+
+def correspondences(T, inliers, outliers, seed=0, noise=0.1):
+    rng = np.random.default_rng(seed)
+    source = rng.uniform([-40, -40, -2], [40, 40, 5], (inliers + outliers, 3))
+    target = se3.transform(T, source) + rng.normal(size=source.shape) * noise
+    target[inliers:] = rng.uniform([-40, -40, -2], [40, 40, 5], (outliers, 3))
+    order = rng.permutation(len(source))
+    weight = torch.ones(len(source))
+    return Correspondences(
+        torch.from_numpy(source[order]).float(), torch.from_numpy(target[order]).float(), weight
+    )
+
+
+def test_kabsch_recovers_and_never_mirrors():
+    T = se3.from_xyz_rpy(3, -2, 1, 0.2, -0.4, 2.5)
+    flat = torch.rand(20, 3, generator=torch.Generator().manual_seed(0)) * torch.tensor([9, 9, 0])
+    target = torch.from_numpy(se3.transform(T, flat.double().numpy()))
+    np.testing.assert_allclose(kabsch(flat, target, torch.ones(20)).numpy(), T, atol=1e-6)
+
+
+@pytest.mark.parametrize('yaw', [0.0, 1.0, math.pi])
+def test_level_ransac_finds_one_inlier_in_fifty(yaw):
+    T = se3.from_xyz_rpy(x=35.0, y=4.0, z=0.4, roll=0.02, pitch=-0.02, yaw=yaw)
+    found = ransac(correspondences(T, 30, 1470), RansacConfig())
+    assert metrics.registered(found.T_target_source.numpy(), T, metrics.STRICT)
+    assert 25 <= found.inliers <= 60
+
+
+def test_rigid_ransac_finds_any_rotation():
+    T = se3.from_xyz_rpy(x=5.0, y=-3.0, z=2.0, roll=1.0, pitch=-0.5, yaw=2.0)
+    found = ransac(correspondences(T, 60, 540), RansacConfig(model='rigid'))
+    assert metrics.registered(found.T_target_source.numpy(), T, metrics.STRICT)
+
+
+def test_same_seed_same_transform():
+    c = correspondences(se3.from_xyz_rpy(x=20.0), 20, 500)
+    first, second = (ransac(c, RansacConfig(seed=4)).T_target_source for _ in range(2))
+    assert torch.equal(first, second)
+
+
+def test_heading_limit_is_kept():
+    c = correspondences(se3.from_xyz_rpy(x=20.0, yaw=2.0), 50, 200)
+    found = ransac(c, RansacConfig(), max_yaw=0.5)
+    assert found is None or abs(se3.yaw(found.T_target_source.numpy())) < 0.6
+
+
+@pytest.mark.parametrize('count', [0, 1])
+def test_too_few_correspondences_find_nothing(count):
+    assert ransac(correspondences(np.eye(4), count, 0), RansacConfig()) is None
+
+
+def test_bad_settings_are_named():
+    with pytest.raises(GclError, match='threshold is -1'):
+        RansacConfig(threshold=-1)
+
+
+def test_mutual_matches_across_chunks():
+    generator = torch.Generator().manual_seed(0)
+    f = torch.nn.functional.normalize(torch.randn(2500, 16, generator=generator), dim=1)
+    points = torch.rand(2500, 3, generator=generator)
+    order = torch.randperm(2500, generator=generator)
+    matches = match_mutual(
+        source=Features(points, f), target=Features(points[order[:2000]], f[order[:2000]])
+    )
+    assert len(matches) >= 2000
+    exact = matches.weight > 0.9999
+    assert int(exact.sum()) == 2000
+    torch.testing.assert_close(matches.source[exact], matches.target[exact])
+
+
+def test_refine_improves_a_rough_transform_and_refuses_to_walk(drive):
+    T = se3.inverse(drive.T_world_lidar(90)) @ drive.T_world_lidar(98)
+    config = RefineConfig()
+    source, target = (prepare(drive.scan(i), config) for i in (98, 90))
+    rough = T @ se3.from_xyz_rpy(x=0.5, y=-0.3, yaw=0.02)
+    fine = refine(rough, source=source, target=target, config=config)
+    assert metrics.rte(fine, T) < 0.15
+    assert metrics.rre_deg(fine, T) < 0.3
+    timid = RefineConfig(max_move=0.1)
+    assert np.array_equal(refine(rough, source=source, target=target, config=timid), rough)

@@ -1,0 +1,66 @@
+"""The shipped weights on streets they never saw, and on real scans where present."""
+
+import numpy as np
+import pytest
+
+from gcl_core import se3
+from gcl_core.data.kitti import KittiSequence
+from gcl_core.errors import GclError
+from gcl_core.evaluation import metrics
+from gcl_core.registrar import Registrar, RegistrarConfig
+from gcl_core.types import PointCloud
+
+
+@pytest.fixture(scope='module')
+def registrar() -> Registrar:
+    return Registrar()
+
+
+def truth(sequence, source, target):
+    return se3.inverse(sequence.T_world_lidar(target)) @ sequence.T_world_lidar(source)
+
+
+@pytest.mark.parametrize('yaw', [0.0, 1.0, np.pi])
+def test_registers_simulated_scans_at_any_heading(registrar, drive, yaw):
+    turn = se3.from_xyz_rpy(yaw=yaw)
+    source = PointCloud(se3.transform(turn, drive.scan(102).points))
+    result = registrar.register(source=source, target=drive.scan(90))
+    T = truth(drive, 102, 90) @ se3.inverse(turn)
+    assert metrics.registered(result.T_target_source, T, metrics.STRICT)
+    assert {'describe', 'match', 'estimate', 'refine', 'total'} == set(result.ms)
+
+
+def test_registers_real_scans(registrar, real_root):
+    sequence = KittiSequence(real_root, '80')
+    result = registrar.register(source=sequence.scan(8), target=sequence.scan(0))
+    assert metrics.registered(result.T_target_source, truth(sequence, 8, 0), metrics.STRICT)
+
+
+def test_same_scans_same_transform(registrar, drive):
+    first, second = (
+        registrar.register(source=drive.scan(98), target=drive.scan(90)).T_target_source
+        for _ in range(2)
+    )
+    assert np.array_equal(first, second)
+
+
+def test_noise_is_refused_with_a_reason(registrar):
+    rng = np.random.default_rng(0)
+    clouds = [
+        PointCloud(rng.uniform([-40, -40, -2], [40, 40, 4], (20000, 3)).astype(np.float32))
+        for _ in range(2)
+    ]
+    result = registrar.register(source=clouds[0], target=clouds[1])
+    assert result.T_target_source is None
+    assert 'needed' in result.reason
+
+
+def test_scan_out_of_range_is_named(registrar, drive):
+    far = PointCloud(np.full((10, 3), 1000.0, np.float32))
+    with pytest.raises(GclError, match='within 80 m'):
+        registrar.register(source=far, target=drive.scan(90))
+
+
+def test_bad_turns_are_named():
+    with pytest.raises(GclError, match='turns is 0'):
+        RegistrarConfig(turns=0)

@@ -1,0 +1,76 @@
+import numpy as np
+import pytest
+from rosbags.typesys import get_typestore
+
+from gcl_core import se3
+from gcl_core.cli.main import main
+from gcl_core.errors import GclError
+from gcl_core.types import PointCloud
+from gcl_ros.bag import (
+    SOURCE,
+    STORE,
+    TARGET,
+    TRUTH,
+    Encounter,
+    following,
+    open_bag,
+    write_bag,
+)
+from gcl_ros.conversions import matrix, point_cloud, seconds
+
+
+@pytest.fixture
+def encounter() -> Encounter:
+    points = np.random.default_rng(0).normal(size=(100, 3)).astype(np.float32)
+    return Encounter(7.5, PointCloud(points), PointCloud(points + 1), se3.from_xyz_rpy(9, yaw=1))
+
+
+def read(path):
+    types = get_typestore(STORE)
+    with open_bag(path) as reader:
+        return [
+            (c.topic, types.deserialize_cdr(raw, c.msgtype)) for c, _, raw in reader.messages()
+        ]
+
+
+@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
+def test_bag_round_trip(tmp_path, encounter, storage):
+    assert write_bag(tmp_path / 'bag', [encounter], storage) == 1
+    messages = dict(read(tmp_path / 'bag'))
+    truth = messages[TRUTH]
+    np.testing.assert_allclose(matrix(truth.transform), encounter.T_target_source, atol=1e-12)
+    assert truth.header.frame_id == messages[TARGET].header.frame_id == 'target/lidar'
+    assert truth.child_frame_id == messages[SOURCE].header.frame_id == 'source/lidar'
+    for topic, cloud in ((SOURCE, encounter.source), (TARGET, encounter.target)):
+        np.testing.assert_array_equal(point_cloud(messages[topic]).points, cloud.points)
+        assert seconds(messages[topic].header.stamp) == 7.5
+
+
+def test_existing_and_missing_bags_are_named(tmp_path, encounter):
+    with pytest.raises(GclError, match='exists already'):
+        write_bag(tmp_path, [encounter])
+    with pytest.raises(GclError, match='cannot read bag'), open_bag(tmp_path / 'none'):
+        pass
+
+
+def test_following_keeps_the_distance(drive):
+    pairs = following(drive, 25.0)
+    for source, target in pairs[::20]:
+        T = se3.inverse(drive.T_world_lidar(target)) @ drive.T_world_lidar(source)
+        assert 25.0 <= np.linalg.norm(T[:3, 3]) < 26.5
+    with pytest.raises(GclError, match='900 m apart'):
+        following(drive, 900.0)
+
+
+def test_bag_from_real_kitti_layout(tmp_path, real_root, capsys):
+    arguments = ['bag', 'from-kitti', str(real_root), '80', str(tmp_path / 'b')]
+    assert main([*arguments, '--distance', '20', '--every', '20']) == 0
+    messages = read(tmp_path / 'b')
+    assert {topic for topic, _ in messages} == {SOURCE, TARGET, TRUTH}
+    assert f'wrote {len(messages) // 3} pairs' in capsys.readouterr().out
+
+
+def test_bag_from_simulator_pairs(tmp_path):
+    arguments = ['bag', 'from-simulator', '3', str(tmp_path / 'b'), '--pairs', '1']
+    assert main([*arguments, '--every', '5', '--storage', 'sqlite3']) == 0
+    assert len(read(tmp_path / 'b')) == 3

@@ -1,0 +1,64 @@
+import threading
+
+from gcl_ros.pairing import Pairing
+
+
+def take_now(pairing):
+    """Pair that waits, or None: closing wakes the consumer of an empty one."""
+    return pairing._newest and pairing.take()
+
+
+def test_pairs_by_stamp_whatever_the_order():
+    pairing = Pairing(max_dt=0.05)
+    pairing.add('source', 1.00, 's1')
+    pairing.add('source', 1.10, 's2')
+    pairing.add('target', 1.02, 't1')
+    assert pairing.take() == ('s1', 't1')
+    pairing.add('target', 1.11, 't2')
+    assert pairing.take() == ('s2', 't2')
+
+
+def test_stamps_too_far_apart_make_no_pair():
+    pairing = Pairing(max_dt=0.05)
+    pairing.add('source', 1.0, 's')
+    pairing.add('target', 1.06, 't')
+    assert take_now(pairing) is None
+
+
+def test_newest_pair_replaces_the_one_that_waits():
+    pairing = Pairing(max_dt=0.05)
+    for i in range(5):
+        pairing.add('source', float(i), f's{i}')
+        pairing.add('target', float(i), f't{i}')
+    assert pairing.take() == ('s4', 't4')
+    assert pairing.dropped == 4
+
+
+def test_late_pair_does_not_replace_a_newer_one():
+    pairing = Pairing(max_dt=0.05)
+    pairing.add('source', 1.0, 's1')
+    pairing.add('source', 2.0, 's2')
+    pairing.add('target', 2.0, 't2')
+    pairing.add('target', 1.0, 't1')
+    assert pairing.take() == ('s2', 't2')
+    assert take_now(pairing) is None
+
+
+def test_reset_forgets_the_clock():
+    pairing = Pairing(max_dt=0.05)
+    pairing.add('source', 100.0, 'old')
+    pairing.add('target', 100.0, 'old')
+    pairing.reset()
+    pairing.add('source', 1.0, 's')
+    pairing.add('target', 1.0, 't')
+    assert pairing.take() == ('s', 't')
+
+
+def test_close_wakes_the_consumer():
+    pairing = Pairing(max_dt=0.05)
+    result = []
+    thread = threading.Thread(target=lambda: result.append(pairing.take()))
+    thread.start()
+    pairing.close()
+    thread.join(timeout=5)
+    assert result == [None]
