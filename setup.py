@@ -5,10 +5,14 @@ from glob import glob
 from setuptools import find_packages, setup
 
 NAME = 'gcl_ros'
-ROS = (
-    'rclpy rmw-fastrtps-cpp sensor-msgs geometry-msgs rosgraph-msgs rcl-interfaces '
-    'diagnostic-msgs std-srvs lifecycle-msgs'
-).split()
+ROS_PACKAGES = [
+    'rclpy',
+    'rmw-fastrtps-cpp',
+    'sensor-msgs',
+    'geometry-msgs',
+    'rosgraph-msgs',
+    'rcl-interfaces',
+]
 
 setup(
     name=NAME,
@@ -41,7 +45,7 @@ setup(
     ],
     extras_require={
         # rclpy from PyPI, for machines without a ROS 2 installation
-        'ros': [f'ros-kilted-{package}' for package in ROS],
+        'ros': [f'ros-kilted-{package}' for package in ROS_PACKAGES],
         'test': [
             'pytest>=7',
             'setuptools<80',  # the last that colcon's ament_python build works with

@@ -1,0 +1,12 @@
+"""Distant registration of LiDAR scans with density-invariant features (GCL, ICCV 2023).
+
+The way of the data, each arrow a type of `gcl_core.types`, each verb a folder:
+
+    PointCloud2 ─ gcl_ros.conversions ─▶ PointCloud ─ ops.voxelize ─▶ SparseTensor
+      ─ models ─▶ Features ─ matching ─▶ Correspondences
+      ─ estimation ─▶ Registration (T_target_source) ─ gcl_ros ─▶ TransformStamped
+
+Training branches off at Features: data.groups ─▶ PositiveGroups ─▶ losses ─▶ training.
+Evaluation branches off at Registration: evaluation.predict ─▶ evaluation.score.
+`registrar.py` is the whole of it on one page. Nothing here imports rclpy.
+"""

@@ -1,4 +1,4 @@
-"""Strict YAML into frozen dataclasses: an unknown key or a wrong type is an error that names it."""
+"""Strict YAML into frozen dataclasses; an unknown key or a wrong type is named in the error."""
 
 from __future__ import annotations
 

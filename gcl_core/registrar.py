@@ -115,6 +115,7 @@ class Stopwatch:
 
     @contextmanager
     def __call__(self, stage: str) -> Iterator[None]:
+        """Time a block; a stage may come several times."""
         began = time.perf_counter()
         yield
         self._ms[stage] = self._ms.get(stage, 0.0) + 1e3 * (time.perf_counter() - began)

@@ -1,4 +1,4 @@
-"""ROS parameters generated from the config dataclasses: same keys, same checks as the YAML files."""
+"""ROS parameters from the config dataclasses: the keys and the checks of the YAML files."""
 
 from __future__ import annotations
 

@@ -8,15 +8,17 @@ Publishes: `~/transform` (geometry_msgs/TransformStamped), frame = the target's,
 from __future__ import annotations
 
 import os
+import signal
 import sys
 import threading
 from dataclasses import dataclass, field
 
 import rclpy
 from geometry_msgs.msg import TransformStamped
-from rclpy.executors import ExternalShutdownException
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import PointCloud2
 
 from gcl_core.errors import GclError
@@ -123,16 +125,20 @@ class RegistrarNode(Node):
 
 
 def main() -> None:
-    """Run the node until Ctrl-C or shutdown."""
-    try:
-        with rclpy.init(args=sys.argv):
-            node = RegistrarNode()
-            try:
-                rclpy.spin(node)
-            finally:
-                node.destroy_node()
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
+    """Run the node until Ctrl-C or SIGTERM.
+
+    The handlers are our own: rclpy's shut the context down under a node that is being built.
+    """
+    stop = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stop.set())
+    with rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO):
+        node = RegistrarNode()
+        executor = SingleThreadedExecutor()
+        executor.add_node(node)
+        while not stop.is_set():
+            executor.spin_once(timeout_sec=0.2)
+        node.destroy_node()
 
 
 if __name__ == '__main__':

@@ -5,6 +5,8 @@ Paper, sections "Overview of GCL" and "Positive Group Searching".
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import torch
 from jaxtyping import Float
@@ -28,7 +30,7 @@ def draw_neighbors(
     signed = np.where(np.arange(len(positions)) < centre, -distance, distance)
     edges = np.linspace(-REACH, REACH, phi + 1)
     neighbors = []
-    for low, high in zip(edges[:-1], edges[1:], strict=True):
+    for low, high in pairwise(edges):
         inside = np.flatnonzero((signed >= low) & (signed < high))
         inside = inside[inside != centre]
         if len(inside):
@@ -91,9 +93,7 @@ def find_groups(
     )
 
 
-def _first_minimum(
-    value: Float[np.ndarray, ' n'], offsets: np.ndarray
-) -> np.ndarray:
+def _first_minimum(value: Float[np.ndarray, ' n'], offsets: np.ndarray) -> np.ndarray:
     """Position of the smallest value in each segment."""
     segment = np.repeat(np.arange(len(offsets) - 1), np.diff(offsets))
     order = np.lexsort((value, segment))

@@ -90,9 +90,7 @@ def ransac(
     best: tuple[float, Float[torch.Tensor, '4 4']] | None = None
     drawn, needed = 0, config.samples
     while drawn < needed:
-        sets = torch.randint(
-            len(correspondences), (config.batch, points), generator=generator
-        )
+        sets = torch.randint(len(correspondences), (config.batch, points), generator=generator)
         drawn += config.batch
         T = _hypotheses(correspondences, sets, config, max_yaw)
         if len(T) == 0:

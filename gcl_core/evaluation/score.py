@@ -52,8 +52,7 @@ def _row(method: str, bin_: tuple[int, int], items: list[Prediction]) -> Row:
     good = [
         (metrics.rte(p.T_estimated, p.T_true), metrics.rre_deg(p.T_estimated, p.T_true))
         for p in items
-        if p.T_estimated is not None
-        and metrics.registered(p.T_estimated, p.T_true, metrics.LOOSE)
+        if p.T_estimated is not None and metrics.registered(p.T_estimated, p.T_true, metrics.LOOSE)
     ]
     rte, rre_deg = np.mean(good, axis=0) if good else (np.nan, np.nan)
     found = sum(p.T_estimated is not None for p in items)

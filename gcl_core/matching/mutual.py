@@ -12,9 +12,7 @@ CHUNK = 1024  # rows of the similarity matrix held at a time
 
 def nearest_both_ways(
     source: Float[torch.Tensor, 'n d'], target: Float[torch.Tensor, 'm d']
-) -> tuple[
-    Float[torch.Tensor, ' n'], Int64[torch.Tensor, ' n'], Int64[torch.Tensor, ' m']
-]:
+) -> tuple[Float[torch.Tensor, ' n'], Int64[torch.Tensor, ' n'], Int64[torch.Tensor, ' m']]:
     """Return best similarity and target row of each source, and source row of each target."""
     similarity = source.new_empty(len(source))
     to_target = torch.empty(len(source), dtype=torch.long)

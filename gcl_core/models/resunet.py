@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import torch
 from jaxtyping import Float
@@ -59,7 +60,7 @@ class ResUNet(nn.Module):
         self.config = config
         encoder, last = config.encoder, len(config.encoder) - 1
         self.stem = ConvNorm(1 + config.height_input, encoder[0], self.STEM_KERNEL)
-        self.down = nn.ModuleList(ConvNorm(a, b) for a, b in zip(encoder[:-1], encoder[1:]))
+        self.down = nn.ModuleList(ConvNorm(a, b) for a, b in pairwise(encoder))
         # A level below the output's has no block: nothing reads it at full resolution again.
         self.encode = nn.ModuleList(
             ResidualBlock(width) if level >= config.output_level else nn.Identity()
@@ -87,10 +88,7 @@ class ResUNet(nn.Module):
         voxels = self.voxelize(clouds)
         with torch.inference_mode():
             points, descriptors, splits = self(voxels)
-        return [
-            Features(points[a:b], descriptors[a:b])
-            for a, b in zip(splits[:-1], splits[1:], strict=True)
-        ]
+        return [Features(points[a:b], descriptors[a:b]) for a, b in pairwise(splits)]
 
     def voxelize(self, clouds: Sequence[PointCloud]) -> SparseTensor:
         """Prepare the input: what a data loader can do while the network computes."""

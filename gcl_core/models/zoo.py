@@ -55,8 +55,8 @@ def load_weights(name_or_path: str = DEFAULT) -> ResUNet:
             metadata = file.metadata() or {}
             if metadata.get('format') != FORMAT:
                 raise GclError(
-                    f'{path} has format {metadata.get("format")!r}, this version reads {FORMAT!r}; '
-                    'write it with `gcl train --export`'
+                    f'{path} has format {metadata.get("format")!r}, this version reads '
+                    f'{FORMAT!r}; train anew with `gcl train`, or take the version that wrote it'
                 )
             tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118
     except SafetensorError as error:

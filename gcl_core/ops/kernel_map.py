@@ -7,6 +7,7 @@ and consecutive comparisons: 9 searches instead of 27, with queries in cache ord
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import torch
 from jaxtyping import Int32, Int64
@@ -129,8 +130,5 @@ def build_pyramid(
             same_map(level_keys, 3) if level >= finest_block else empty
             for level, level_keys in enumerate(all_keys)
         ),
-        down=tuple(
-            down_map(fine, coarse)
-            for fine, coarse in zip(all_keys[:-1], all_keys[1:], strict=True)
-        ),
+        down=tuple(down_map(fine, coarse) for fine, coarse in pairwise(all_keys)),
     )

@@ -57,9 +57,7 @@ def barycentres(
     return total / torch.bincount(row, minlength=count).clamp(min=1).unsqueeze(1)
 
 
-def voxelize(
-    clouds: Sequence[PointCloud], *, voxel_size: float, max_range: float
-) -> SparseTensor:
+def voxelize(clouds: Sequence[PointCloud], *, voxel_size: float, max_range: float) -> SparseTensor:
     """Voxelise a batch of scans; the only feature is the constant 1 of the paper.
 
     Args:

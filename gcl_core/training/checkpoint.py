@@ -46,6 +46,8 @@ def load(path: Path, model: torch.nn.Module, optimizer: torch.optim.Optimizer) -
     try:
         model.load_state_dict(weights)
     except RuntimeError as error:
-        raise GclError(f'{path} holds another network; remove it to start anew ({error})') from None
+        raise GclError(
+            f'{path} holds another network; remove it to start anew ({error})'
+        ) from None
     optimizer.load_state_dict({**optimizer.state_dict(), 'state': state})
     return step

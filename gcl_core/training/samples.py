@@ -78,9 +78,7 @@ class SampleStream(IterableDataset[Sample]):
     def sample(self, number: int, voxelizer: ResUNet) -> Sample:
         """Cut sample `number`."""
         config = self._config
-        world = _world(
-            self._seed * 1_000_000 + number // config.samples_per_world, config.sensor
-        )
+        world = _world(self._seed * 1_000_000 + number // config.samples_per_world, config.sensor)
         rng = np.random.default_rng([self._seed, number, 7])
         along = positions(world)
         middle = len(world) // 2

@@ -96,8 +96,8 @@ def gcl_loss(
     if ramp > 0:
         squared = config.squared
         negative = hardest_negative(features, drawn, generator=generator, squared=squared)
-        parts['variance'] = ramp * config.variance * positive_variance(
-            features, drawn, squared=squared
+        parts['variance'] = (
+            ramp * config.variance * positive_variance(features, drawn, squared=squared)
         )
         parts['finest'] = ramp * config.finest * finest(features, drawn, squared=squared)
         parts['negative'] = ramp * config.negative * negative
@@ -142,9 +142,7 @@ class Trainer:
         """Train to the last step."""
         keep_freed_memory()
         config = self.config
-        stream = SampleStream(
-            config.samples, config.network, config.seed, self.step, config.steps
-        )
+        stream = SampleStream(config.samples, config.network, config.seed, self.step, config.steps)
         loader = DataLoader(
             stream, batch_size=None, num_workers=1, multiprocessing_context='spawn'
         )

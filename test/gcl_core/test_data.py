@@ -122,7 +122,9 @@ def test_simulated_scans_agree_with_their_poses(drive):
 def test_simulation_follows_from_the_seed(drive):
     again = SimulatedSequence(3)
     np.testing.assert_array_equal(again.scan(90).points, drive.scan(90).points)
-    assert not np.array_equal(SimulatedSequence(4).scan(90).points[:10], drive.scan(90).points[:10])
+    assert not np.array_equal(
+        SimulatedSequence(4).scan(90).points[:10], drive.scan(90).points[:10]
+    )
 
 
 def test_oncoming_vehicle_looks_the_other_way_in_the_same_world(drive):

@@ -11,9 +11,7 @@ PANE_DEPTH = 0.18  # metres from the outer wall to the glass
 PANE_SHARE = 0.6  # of windows whose glass or curtain returns the beam; the others are see-through
 
 
-def _breaks(
-    length: float, opening: float, margin: float, pitch: float
-) -> Float[np.ndarray, ' n']:
+def _breaks(length: float, opening: float, margin: float, pitch: float) -> Float[np.ndarray, ' n']:
     """Edges of a row of equal openings, wall first and wall last."""
     count = max(1, int((length - 2 * margin) // pitch))
     centres = (np.arange(count) + 0.5) / count * (length - 2 * margin) + margin
@@ -81,7 +79,11 @@ def _facade_parts(length: float, width: float, height: float, rng: np.random.Gen
             front + deep / 2 + rng.uniform(-2.0, 2.0),
         )
     for _ in range(rng.integers(0, 3)):
-        add(box(rng.uniform(1.0, 2.0), rng.uniform(0.6, 1.5), rng.uniform(0.2, 0.8)), along(), front)
+        add(
+            box(rng.uniform(1.0, 2.0), rng.uniform(0.6, 1.5), rng.uniform(0.2, 0.8)),
+            along(),
+            front,
+        )
     for _ in range(rng.integers(0, 3)):
         add(box(0.12, 0.12, height), along(), front - 0.08)
     return parts

@@ -37,7 +37,9 @@ def box(length: float, width: float, height: float) -> Triangles:
     return (_BOX_CORNERS * size)[_BOX_FACES]
 
 
-def cylinder(radius: float, height: float, sides: int = 8, top_radius: float | None = None) -> Triangles:
+def cylinder(
+    radius: float, height: float, sides: int = 8, top_radius: float | None = None
+) -> Triangles:
     """Upright cylinder or cone stump without caps, standing on the origin."""
     angle = np.linspace(0.0, 2.0 * np.pi, sides + 1)
     ring = np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], 1)
@@ -86,9 +88,7 @@ def extrude(profile: Float[np.ndarray, 'n 2'], width: float, top_inset: float) -
     return np.concatenate([surface, *caps]).astype(np.float32)
 
 
-def leaves(
-    centres: Float[np.ndarray, 'n 3'], size: float, rng: np.random.Generator
-) -> Triangles:
+def leaves(centres: Float[np.ndarray, 'n 3'], size: float, rng: np.random.Generator) -> Triangles:
     """One randomly turned triangle at each centre: foliage that a beam passes between."""
     corners = rng.normal(size=(len(centres), 3, 3))
     corners /= np.linalg.norm(corners, axis=2, keepdims=True)

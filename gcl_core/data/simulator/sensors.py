@@ -85,7 +85,9 @@ def scan(
     A return's strength is reflectance x cosine of incidence x (max_range / range)^2, with a
     random reflectance; below `weak_return` it is lost. 3 % are lost at random.
     """
-    elevation = np.deg2rad(sensor.elevation_deg) + rng.normal(size=len(sensor.elevation_deg)) * 3e-4
+    elevation = (
+        np.deg2rad(sensor.elevation_deg) + rng.normal(size=len(sensor.elevation_deg)) * 3e-4
+    )
     azimuth = np.linspace(0, 2 * np.pi, sensor.columns, endpoint=False) + rng.uniform(0, 2e-3)
     E, A = np.meshgrid(elevation, azimuth, indexing='ij')
     beam = np.stack([np.cos(E) * np.cos(A), np.cos(E) * np.sin(A), np.sin(E)], -1).reshape(-1, 3)

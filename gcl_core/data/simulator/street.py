@@ -89,7 +89,9 @@ class Street:
             out = rng.uniform(2.5, max(3.0, setback))
             put(furniture.car(rng), rng.uniform(-0.4, 0.4) * lot, out, np.pi / 2)
         for _ in range(rng.poisson(1.0)):
-            put(furniture.clutter(rng), rng.uniform(-0.5, 0.5) * lot, rng.uniform(0.2, setback + 1))
+            put(
+                furniture.clutter(rng), rng.uniform(-0.5, 0.5) * lot, rng.uniform(0.2, setback + 1)
+            )
 
     def _fill_corner(self, s: float, side: int, edge: float, rng: np.random.Generator) -> None:
         """Line a side street with houses that face it, and a few trees."""
