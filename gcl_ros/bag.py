@@ -17,7 +17,13 @@ from gcl_core import se3
 from gcl_core.data.sequence import Sequence
 from gcl_core.errors import GclError
 from gcl_core.types import PointCloud
-from gcl_ros.conversions import fill_point_cloud2, fill_transform
+from gcl_ros.conversions import (
+    fill_point_cloud2,
+    fill_transform,
+    matrix,
+    point_cloud,
+    seconds,
+)
 
 STORE = Stores.ROS2_HUMBLE  # the messages used here are the same from Humble to Kilted
 VERSION = 8  # of the metadata; Humble to Iron cannot read 9
@@ -43,12 +49,30 @@ class Encounter:
 
 
 def pair_encounters(
-    source: Sequence, target: Sequence, indices: Iterable[tuple[int, int]], period: float
+    source: Sequence,
+    target: Sequence,
+    indices: Iterable[tuple[int, int]],
+    period: float,
+    *,
+    random_yaw_seed: int | None = None,
 ) -> Iterator[Encounter]:
-    """Turn (source, target) scan indices of two drives in one world into encounters."""
+    """Turn (source, target) scan indices of two drives in one world into encounters.
+
+    Args:
+        source: drive of the source vehicle.
+        target: drive of the target vehicle.
+        indices: scans that meet.
+        period: seconds between encounters.
+        random_yaw_seed: turn each source scan by a random heading.
+    """
+    rng = None if random_yaw_seed is None else np.random.default_rng(random_yaw_seed)
     for number, (s, t) in enumerate(indices):
         T = se3.inverse(target.T_world_lidar(t)) @ source.T_world_lidar(s)
-        yield Encounter(1.0 + number * period, source.scan(s), target.scan(t), T)
+        cloud = source.scan(s)
+        if rng is not None:
+            turn = se3.from_xyz_rpy(yaw=float(rng.uniform(-np.pi, np.pi)))
+            cloud, T = PointCloud(se3.transform(turn, cloud.points)), T @ se3.inverse(turn)
+        yield Encounter(1.0 + number * period, cloud, target.scan(t), T)
 
 
 def following(sequence: Sequence, distance: float) -> list[tuple[int, int]]:
@@ -127,6 +151,30 @@ def _messages(types: Any, encounter: Encounter, stamp: int) -> Iterator[tuple[st
         fill_point_cloud2(message, points, t['sensor_msgs/msg/PointField'])
         message.data = np.frombuffer(message.data, dtype=np.uint8)
         yield topic, message
+
+
+def read_encounters(path: Path) -> Iterator[Encounter]:
+    """Read what `write_bag` wrote.
+
+    Raises:
+        GclError: the bag is missing or damaged, or lacks a topic.
+    """
+    types = get_typestore(STORE)
+    waiting: dict[str, Any] = {}
+    with open_bag(path) as reader:
+        missing = {SOURCE, TARGET, TRUTH} - set(reader.topics)
+        if missing:
+            raise GclError(f'bag {path} lacks {", ".join(sorted(missing))}; write it with gcl bag')
+        for connection, _, raw in reader.messages():
+            waiting[connection.topic] = types.deserialize_cdr(raw, connection.msgtype)
+            if len(waiting) == 3:
+                yield Encounter(
+                    seconds(waiting[TRUTH].header.stamp),
+                    point_cloud(waiting[SOURCE]),
+                    point_cloud(waiting[TARGET]),
+                    matrix(waiting[TRUTH].transform),
+                )
+                waiting.clear()
 
 
 @contextmanager

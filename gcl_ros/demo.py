@@ -7,31 +7,21 @@ prints a row for each pair.
 from __future__ import annotations
 
 import argparse
-import os
-import subprocess
 import sys
-import time
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import rclpy
-from geometry_msgs.msg import TransformStamped
-from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from gcl_core.data.sequence import positions
 from gcl_core.data.simulator.sequence import SimulatedSequence
 from gcl_core.evaluation import metrics
 from gcl_core.evaluation.plots import birds_eye
-from gcl_ros.bag import TRUTH, Encounter, pair_encounters, write_bag
-from gcl_ros.conversions import matrix, seconds
+from gcl_ros.bag import Encounter, pair_encounters, write_bag
+from gcl_ros.session import Row, through_node
 
 WORLD = 11  # seed of a street that training never sees
 DISTANCES = (45, 40, 36, 32, 28, 24, 20, 16, 12, 8)  # metres
 PERIOD = 5.0  # seconds between pairs: two cores at work on everything at once
-PROFILE = Path(__file__).parents[1] / 'config' / 'fastdds.xml'
 
 
 def encounters() -> list[Encounter]:
@@ -44,39 +34,6 @@ def encounters() -> list[Encounter]:
     before = int(apart.argmin())
     pairs = [(int(np.abs(apart[:before] - d).argmin()), at) for d in DISTANCES]
     return list(pair_encounters(source, target, pairs, PERIOD))
-
-
-@dataclass
-class Row:
-    """What is known of one pair so far."""
-
-    T_true: np.ndarray
-    heard: float
-    T_estimated: np.ndarray | None = None
-    latency: float = float('nan')
-
-
-class Listener(Node):
-    """Holds estimated against true transforms."""
-
-    def __init__(self) -> None:
-        super().__init__('demo')
-        self.rows: dict[float, Row] = {}
-        latched = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        self.create_subscription(TransformStamped, TRUTH, self._truth, latched)
-        self.create_subscription(TransformStamped, '/registrar/transform', self._estimate, 10)
-
-    def _truth(self, message: TransformStamped) -> None:
-        stamp = seconds(message.header.stamp)
-        self.rows[stamp] = Row(matrix(message.transform), time.monotonic())
-
-    def _estimate(self, message: TransformStamped) -> None:
-        row = self.rows.get(seconds(message.header.stamp))
-        if row is None:
-            return
-        row.T_estimated = matrix(message.transform)
-        row.latency = time.monotonic() - row.heard
-        print(format_row(row), flush=True)
 
 
 HEADER = (
@@ -122,35 +79,13 @@ def run(folder: Path) -> int:
     meetings = encounters()
     if not bag.exists():
         write_bag(bag, meetings)
-    environment = {
-        **os.environ,
-        'FASTDDS_DEFAULT_PROFILES_FILE': str(PROFILE),
-        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-    }
-    os.environ.update(environment)
-    processes = []
-
-    def start(module: str, *arguments: str) -> subprocess.Popen[Any]:
-        log = (folder / f'{module}.log').open('w')
-        command = [sys.executable, '-m', f'gcl_ros.{module}', *arguments]
-        process = subprocess.Popen(command, env=environment, stdout=log, stderr=log)
-        processes.append(process)
-        return process
-
-    with rclpy.init():
-        listener = Listener()
-        try:
-            print(f'two vehicles meet; bag {bag}, logs in {folder}\n{HEADER}', flush=True)
-            start('registrar_node')
-            player = start('replay', str(bag))
-            _spin_until_done(listener, player, len(meetings))
-            rows = [listener.rows[stamp] for stamp in sorted(listener.rows)]
-        finally:
-            listener.destroy_node()
-            for process in processes:
-                process.terminate()
-            for process in processes:
-                process.wait(timeout=20)
+    print(f'two vehicles meet; bag {bag}, logs in {folder}\n{HEADER}', flush=True)
+    rows = through_node(
+        bag,
+        folder,
+        expected=len(meetings),
+        on_estimate=lambda row: print(format_row(row), flush=True),
+    )
     for row in rows:
         if row.T_estimated is None:
             print(format_row(row))
@@ -158,18 +93,6 @@ def run(folder: Path) -> int:
     print(text)
     _draw(folder / 'demo.png', rows, meetings)
     return 0 if good else 1
-
-
-def _spin_until_done(listener: Listener, player: subprocess.Popen[Any], expected: int) -> None:
-    """Listen until the bag has ended and the last pair had its time."""
-    until = float('inf')
-    while time.monotonic() < until:
-        rclpy.spin_once(listener, timeout_sec=0.2)
-        answered = sum(row.T_estimated is not None for row in listener.rows.values())
-        if answered == expected:
-            return
-        if until == float('inf') and player.poll() is not None:
-            until = time.monotonic() + 3 * PERIOD
 
 
 def _draw(path: Path, rows: list[Row], meetings: list[Encounter]) -> None:

@@ -36,6 +36,7 @@ def add_parser(commands: Any) -> None:
         kind.add_argument('--period', type=float, default=1.0, help='seconds between pairs')
         kind.add_argument('--every', type=int, default=1, help='take every n-th pair')
         kind.add_argument('--seed', type=int, default=0, help='of random pairs')
+        kind.add_argument('--random-yaw', action='store_true', help='turn each source at random')
     parser.set_defaults(run=run)
 
 
@@ -55,7 +56,13 @@ def run(options: argparse.Namespace) -> int:
     else:
         drawn = draw_pairs(sequence, per_bin=options.pairs, seed=options.seed)
         pairs = [(pair.source, pair.target) for pair in drawn]
-    encounters = pair_encounters(sequence, sequence, pairs[:: options.every], options.period)
+    encounters = pair_encounters(
+        sequence,
+        sequence,
+        pairs[:: options.every],
+        options.period,
+        random_yaw_seed=options.seed if options.random_yaw else None,
+    )
     count = write_bag(options.bag, encounters, options.storage)
     print(f'wrote {count} pairs to {options.bag}')
     return 0

@@ -14,6 +14,8 @@ from gcl_ros.bag import (
     Encounter,
     following,
     open_bag,
+    pair_encounters,
+    read_encounters,
     write_bag,
 )
 from gcl_ros.conversions import matrix, point_cloud, seconds
@@ -44,6 +46,29 @@ def test_bag_round_trip(tmp_path, encounter, storage):
     for topic, cloud in ((SOURCE, encounter.source), (TARGET, encounter.target)):
         np.testing.assert_array_equal(point_cloud(messages[topic]).points, cloud.points)
         assert seconds(messages[topic].header.stamp) == 7.5
+
+
+def test_encounters_are_read_back(tmp_path, encounter):
+    write_bag(tmp_path / 'bag', [encounter])
+    (back,) = read_encounters(tmp_path / 'bag')
+    np.testing.assert_array_equal(back.source.points, encounter.source.points)
+    np.testing.assert_allclose(back.T_target_source, encounter.T_target_source, atol=1e-12)
+    assert back.stamp == 7.5
+
+
+def test_random_yaw_turns_clouds_and_truth(drive):
+    straight, turned = (
+        next(pair_encounters(drive, drive, [(96, 90)], 1.0, random_yaw_seed=seed))
+        for seed in (None, 4)
+    )
+    assert not np.allclose(straight.T_target_source, turned.T_target_source, atol=0.1)
+    for e in (straight, turned):
+        world = se3.transform(e.T_target_source, e.source.points.astype(float))
+        np.testing.assert_allclose(
+            world,
+            se3.transform(straight.T_target_source, straight.source.points.astype(float)),
+            atol=1e-3,
+        )
 
 
 def test_existing_and_missing_bags_are_named(tmp_path, encounter):

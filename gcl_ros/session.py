@@ -1,0 +1,123 @@
+"""A bag through the node: `registrar` and `replay` as processes, their transforms collected."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import rclpy
+from geometry_msgs.msg import TransformStamped
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+
+from gcl_ros.bag import TRUTH
+from gcl_ros.conversions import matrix, seconds
+
+PROFILE = Path(__file__).parents[1] / 'config' / 'fastdds.xml'
+LAST_PAIR = 15.0  # seconds that the node has for the last pair after the bag has ended
+
+
+@dataclass
+class Row:
+    """What is known of one pair so far.
+
+    Attributes:
+        T_true: true `T_target_source`, from the bag.
+        heard: when the truth came in, on the monotonic clock, seconds.
+        T_estimated: None while, or where, the node published nothing.
+        latency: from the clouds' publication to the transform's arrival, seconds.
+    """
+
+    T_true: np.ndarray
+    heard: float
+    T_estimated: np.ndarray | None = None
+    latency: float = float('nan')
+
+
+class Listener(Node):
+    """Holds estimated against true transforms."""
+
+    def __init__(self, on_estimate: Callable[[Row], None]) -> None:
+        super().__init__('listener')
+        self.rows: dict[float, Row] = {}
+        self._on_estimate = on_estimate
+        latched = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self.create_subscription(TransformStamped, TRUTH, self._truth, latched)
+        self.create_subscription(TransformStamped, '/registrar/transform', self._estimate, 10)
+
+    def _truth(self, message: TransformStamped) -> None:
+        stamp = seconds(message.header.stamp)
+        self.rows[stamp] = Row(matrix(message.transform), time.monotonic())
+
+    def _estimate(self, message: TransformStamped) -> None:
+        row = self.rows.get(seconds(message.header.stamp))
+        if row is not None:
+            row.T_estimated = matrix(message.transform)
+            row.latency = time.monotonic() - row.heard
+            self._on_estimate(row)
+
+
+@contextmanager
+def _process(
+    module: str, arguments: Sequence[str], folder: Path
+) -> Iterator[subprocess.Popen[Any]]:
+    """Run a module of this package; its output goes to `folder/module.log`."""
+    with (folder / f'{module}.log').open('w') as log:
+        command = [sys.executable, '-m', f'gcl_ros.{module}', *arguments]
+        process = subprocess.Popen(command, stdout=log, stderr=log)
+        try:
+            yield process
+        finally:
+            process.terminate()
+            process.wait(timeout=30)
+
+
+def through_node(
+    bag: Path,
+    folder: Path,
+    *,
+    expected: int,
+    rate: float = 1.0,
+    node_arguments: Sequence[str] = (),
+    on_estimate: Callable[[Row], None] = lambda row: None,
+) -> list[Row]:
+    """Replay a bag through a registrar; return a row for each pair, in order of stamps.
+
+    Args:
+        bag: written by `gcl bag`.
+        folder: for the processes' logs.
+        expected: pairs in the bag.
+        rate: bag seconds a wall second; pairs that come faster than the node works are dropped.
+        node_arguments: after `--ros-args`.
+        on_estimate: called with each row as its transform arrives.
+    """
+    os.environ.setdefault('FASTDDS_DEFAULT_PROFILES_FILE', str(PROFILE))
+    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    ros = ['--ros-args', *node_arguments] if node_arguments else []
+    replay = [str(bag), '--rate', str(rate)]
+    with rclpy.init():
+        listener = Listener(on_estimate)
+        with _process('registrar_node', ros, folder), _process('replay', replay, folder) as player:
+            _spin_until_done(listener, player, expected)
+        listener.destroy_node()
+    return [listener.rows[stamp] for stamp in sorted(listener.rows)]
+
+
+def _spin_until_done(listener: Listener, player: subprocess.Popen[Any], expected: int) -> None:
+    """Listen until every pair is answered, or the bag has ended and the last had its time."""
+    until = float('inf')
+    while time.monotonic() < until:
+        rclpy.spin_once(listener, timeout_sec=0.2)
+        answered = sum(row.T_estimated is not None for row in listener.rows.values())
+        if answered == expected:
+            return
+        if until == float('inf') and player.poll() is not None:
+            until = time.monotonic() + LAST_PAIR
