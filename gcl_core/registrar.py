@@ -8,10 +8,11 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import numpy as np
+import torch
 
 from gcl_core import se3
 from gcl_core.errors import GclError
-from gcl_core.estimation.ransac import Hypothesis, RansacConfig, ransac
+from gcl_core.estimation.ransac import RansacConfig, distinct, ransac
 from gcl_core.estimation.refine import RefineConfig, prepare, refine
 from gcl_core.matching.mutual import match_mutual
 from gcl_core.models import zoo
@@ -27,15 +28,17 @@ class RegistrarConfig:
     Attributes:
         weights: a shipped name or a file.
         turns: headings at which the source is described. The shipped weights bear about 40
-            degrees between two vehicles: 1 is for vehicles that face the same way, 9 for any.
+            degrees between two vehicles: 1 is for vehicles that face the same way, 6 for any.
         min_inliers: correspondences that must agree for a transform to be reported.
+        min_lead: how many times as many as for the best other place.
         ransac: search for the transform.
         refine: GICP afterwards.
     """
 
     weights: str = zoo.DEFAULT
-    turns: int = 9
-    min_inliers: int = 12
+    turns: int = 6
+    min_inliers: int = 20
+    min_lead: float = 1.5
     ransac: RansacConfig = field(default_factory=RansacConfig)
     refine: RefineConfig = field(default_factory=RefineConfig)
 
@@ -74,36 +77,66 @@ class Registrar:
         with watch('describe'):
             target_features = self.describe(target)
             turned_features = self.describe_turned(source)
-        T, best, offered = self._search(turned_features, target_features, watch)
-        if best is None or best.inliers < self.config.min_inliers:
-            inliers = best.inliers if best else 0
-            reason = f'{inliers} inliers, {self.config.min_inliers} needed'
+        leaders = self._search(turned_features, target_features, watch)
+        inliers = leaders[0].inliers if leaders else 0
+        offered = leaders[0].offered if leaders else 0
+        reason = self._doubt(leaders)
+        if reason:
             return Registration(None, inliers, offered, reason, watch.stop())
         with watch('refine'):
             config = self.config.refine
             clouds = {'source': prepare(source, config), 'target': prepare(target, config)}
-            T = refine(T, **clouds, config=config)
-        return Registration(T, best.inliers, offered, '', watch.stop())
+            T = refine(leaders[0].T_target_source, **clouds, config=config)
+        return Registration(T, inliers, offered, '', watch.stop())
 
     def _search(
         self,
         turned: list[tuple[np.ndarray, Features]],
         target: Features,
         watch: Stopwatch,
-    ) -> tuple[np.ndarray, Hypothesis | None, int]:
-        """Match and estimate at every heading; return the hypothesis with the most support."""
+    ) -> list[_Candidate]:
+        """Match and estimate at every heading; return all hypotheses, most support first."""
         step = 2 * np.pi / self.config.turns
         max_yaw = np.pi if self.config.turns == 1 else step / 2 + TURN_MARGIN
-        T, best, offered = np.eye(4), None, 0
+        candidates = []
         for T_turned_lidar, source in turned:
             with watch('match'):
                 matches = match_mutual(source=source, target=target)
             with watch('estimate'):
-                hypothesis = ransac(matches, self.config.ransac, max_yaw=max_yaw)
-            if hypothesis and (best is None or hypothesis.score > best.score):
-                T = hypothesis.T_target_source.numpy() @ T_turned_lidar
-                best, offered = hypothesis, len(matches)
-        return T, best, offered
+                hypotheses = ransac(matches, self.config.ransac, max_yaw=max_yaw)
+            for h in hypotheses:
+                T = h.T_target_source.numpy() @ T_turned_lidar
+                candidates.append(_Candidate(T, h.score, h.inliers, len(matches)))
+        return sorted(candidates, key=lambda c: -c.score)
+
+    def _doubt(self, candidates: list[_Candidate]) -> str:
+        """Why the best hypothesis is not to be trusted; empty if it is."""
+        config = self.config
+        if not candidates:
+            return 'no consistent correspondences'
+        best = candidates[0]
+        if best.inliers < config.min_inliers:
+            return f'{best.inliers} inliers, {config.min_inliers} needed'
+        place = torch.from_numpy(best.T_target_source)
+        rival = next(
+            (c for c in candidates if distinct(torch.from_numpy(c.T_target_source), place)), None
+        )
+        if rival and best.inliers < config.min_lead * rival.inliers:
+            return (
+                f'{best.inliers} inliers, another place has {rival.inliers}: '
+                f'less than {config.min_lead:g} times as many'
+            )
+        return ''
+
+
+@dataclass(frozen=True)
+class _Candidate:
+    """A hypothesis in the source's own frame, and the correspondences offered at its heading."""
+
+    T_target_source: np.ndarray
+    score: float
+    inliers: int
+    offered: int
 
 
 class Stopwatch:

@@ -17,6 +17,7 @@ from gcl_core.errors import GclError
 from gcl_core.estimation.procrustes import from_three_points, from_two_points, kabsch
 from gcl_core.types import Correspondences
 
+DISTINCT_DISTANCE, DISTINCT_ANGLE = 3.0, math.radians(10.0)
 SCORE_BLOCK = 1 << 23  # hypotheses x correspondences scored at a time: 32 MB of float32
 
 
@@ -73,8 +74,11 @@ class Hypothesis:
 
 def ransac(
     correspondences: Correspondences, config: RansacConfig, *, max_yaw: float = math.pi
-) -> Hypothesis | None:
-    """Search the transform with the largest support, or None if no set passes the checks.
+) -> list[Hypothesis]:
+    """Search the transform with the largest support, and the best that is distinct from it.
+
+    The second tells what chance or a repeated scene supports: compare the two before trusting
+    the first. Fewer come back if no minimal set, or only one place, passes the checks.
 
     Args:
         correspondences: matches, weights not negative.
@@ -83,11 +87,12 @@ def ransac(
     """
     points = 2 if config.model == 'level' else 3
     if len(correspondences) < points:
-        return None
+        return []
     generator = torch.Generator().manual_seed(config.seed)
     table = _pair_table(correspondences)
     weight = correspondences.weight.clamp(min=0)
-    best: tuple[float, Float[torch.Tensor, '4 4']] | None = None
+    total = max(float(weight.sum()), 1e-9)
+    leaders: list[Hypothesis] = []
     drawn, needed = 0, config.samples
     while drawn < needed:
         sets = torch.randint(len(correspondences), (config.batch, points), generator=generator)
@@ -96,19 +101,36 @@ def ransac(
         if len(T) == 0:
             continue
         scores = _scores(T, table, weight, config.threshold)
-        top = int(scores.argmax())
-        if best is None or float(scores[top]) > best[0]:
-            candidate = local_optimisation(T[top], correspondences, config)
-            best = max(
-                (float(scores[top]), T[top]),
-                (candidate.score, candidate.T_target_source.to(T.dtype)),
-                key=lambda item: item[0],
-            )
-            inlier_share = best[0] / max(float(weight.sum()), 1e-9)
-            needed = min(config.samples, _samples_needed(inlier_share, points, config.confidence))
-    if best is None:
-        return None
-    return local_optimisation(best[1], correspondences, config)
+        found = [local_optimisation(t, correspondences, config) for t in _distinct_best(T, scores)]
+        leaders = _two_leaders(leaders + found)
+        share = leaders[0].score / total
+        needed = min(config.samples, _samples_needed(share, points, config.confidence))
+    return leaders
+
+
+def distinct(a: Float[torch.Tensor, '*h 4 4'], b: Float[torch.Tensor, '4 4']) -> torch.Tensor:
+    """Whether transforms mean another place or heading: over 3 m or 10 degrees apart."""
+    away = (a[..., :3, 3] - b[:3, 3]).norm(dim=-1) > DISTINCT_DISTANCE
+    trace = (a[..., :3, :3] * b[:3, :3]).sum((-2, -1))
+    return away | (trace < 1 + 2 * math.cos(DISTINCT_ANGLE))
+
+
+def _distinct_best(
+    T: Float[torch.Tensor, 'h 4 4'], scores: Float[torch.Tensor, ' h']
+) -> list[Float[torch.Tensor, '4 4']]:
+    """The best transform, and the best of those distinct from it."""
+    best = T[int(scores.argmax())]
+    others = torch.where(distinct(T, best), scores, -1.0)
+    second = int(others.argmax())
+    return [best, T[second]] if float(others[second]) >= 0 else [best]
+
+
+def _two_leaders(hypotheses: list[Hypothesis]) -> list[Hypothesis]:
+    """The best hypothesis and the best distinct one, in this order."""
+    ranked = sorted(hypotheses, key=lambda h: -h.score)
+    first = ranked[0].T_target_source
+    others = [h for h in ranked[1:] if bool(distinct(h.T_target_source, first))]
+    return ranked[:1] + others[:1]
 
 
 def _samples_needed(inlier_share: float, points: int, confidence: float) -> float:

@@ -5,6 +5,7 @@ import pytest
 
 from gcl_core import se3
 from gcl_core.data.kitti import KittiSequence
+from gcl_core.data.simulator.sequence import SimulatedSequence
 from gcl_core.errors import GclError
 from gcl_core.evaluation import metrics
 from gcl_core.registrar import Registrar, RegistrarConfig
@@ -52,7 +53,14 @@ def test_noise_is_refused_with_a_reason(registrar):
     ]
     result = registrar.register(source=clouds[0], target=clouds[1])
     assert result.T_target_source is None
-    assert 'needed' in result.reason
+    assert 'inliers' in result.reason
+
+
+def test_unrelated_streets_are_refused(registrar, drive):
+    elsewhere = SimulatedSequence(8)
+    result = registrar.register(source=elsewhere.scan(60), target=drive.scan(90))
+    assert result.T_target_source is None
+    assert result.reason
 
 
 def test_scan_out_of_range_is_named(registrar, drive):
