@@ -21,7 +21,7 @@ from gcl_ros.session import Row, through_node
 
 WORLD = 11  # seed of a street that training never sees
 DISTANCES = (45, 40, 36, 32, 28, 24, 20, 16, 12, 8)  # metres
-PERIOD = 5.0  # seconds between pairs: two cores at work on everything at once
+PERIOD = 4.0  # seconds between pairs: two cores at work on everything at once
 
 
 def encounters() -> list[Encounter]:

@@ -75,15 +75,18 @@ def run(bag: Path, out: Path, *, rate: float, node_arguments: list[str]) -> None
 
 
 def main() -> None:
-    """Parse the command line and run; arguments after `--` go to the node."""
+    """Parse the command line and run."""
     parser = argparse.ArgumentParser(prog='evaluate_bag', description=__doc__)
     parser.add_argument('bag', type=Path, help='as `gcl bag` writes it')
     parser.add_argument('--out', type=Path, required=True, help='folder for logs and table.md')
     parser.add_argument('--rate', type=float, default=0.2, help='bag seconds a wall second')
-    parser.add_argument('node_arguments', nargs='*', help='after --: such as -p name:=value')
+    parser.add_argument(
+        '--set', action='append', default=[], metavar='NAME:=VALUE', help='parameter of the node'
+    )
     o = parser.parse_args()
     try:
-        run(o.bag, o.out, rate=o.rate, node_arguments=o.node_arguments)
+        node_arguments = [part for setting in o.set for part in ('-p', setting)]
+        run(o.bag, o.out, rate=o.rate, node_arguments=node_arguments)
     except GclError as error:
         print(f'evaluate_bag: {error}', file=sys.stderr)
         sys.exit(2)

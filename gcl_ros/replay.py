@@ -18,6 +18,7 @@ from rosgraph_msgs.msg import Clock
 from gcl_core.errors import GclError
 from gcl_ros.bag import open_bag
 
+SETTLE = 1.0  # seconds until a subscriber that we see has seen us too
 DISCOVERY_LIMIT = 60.0  # seconds to wait for a subscriber: a network takes its time to load
 
 
@@ -67,6 +68,8 @@ def replay(path: Path, *, rate: float, wait: bool, node: Node) -> int:
                 names = ', '.join(p.topic_name for p in clouds)
                 raise GclError(f'nobody subscribed to {names} within {DISCOVERY_LIMIT:.0f} s')
             time.sleep(0.05)
+        if wait:
+            time.sleep(SETTLE)
         began, first, count = time.monotonic(), reader.start_time, 0
         for connection, stamp, raw in reader.messages():
             delay = (stamp - first) * 1e-9 / rate - (time.monotonic() - began)

@@ -93,7 +93,7 @@ def ransac(
     weight = correspondences.weight.clamp(min=0)
     total = max(float(weight.sum()), 1e-9)
     leaders: list[Hypothesis] = []
-    drawn, needed = 0, config.samples
+    drawn, needed = 0, float(config.samples)
     while drawn < needed:
         sets = torch.randint(len(correspondences), (config.batch, points), generator=generator)
         drawn += config.batch

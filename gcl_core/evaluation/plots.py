@@ -38,9 +38,8 @@ def birds_eye(
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(16, 7))
-    views = [(None, 'as they came')]
     registered = 'no transform found' if T_target_source is None else 'registered'
-    views.append((T_target_source, registered))
+    views = ((None, 'as they came'), (T_target_source, registered))
     for column, (T, name) in enumerate(views):
         axes = figure.add_subplot(1, 2, column + 1)
         moved = source.points if T is None else se3.transform(T, source.points)

@@ -18,7 +18,9 @@ from gcl_core.data.simulator.sequence import SimulatedSequence
 from gcl_core.models.resunet import ResUNet, ResUNetConfig
 from gcl_core.types import PointCloud, SparseTensor
 
-CENTRE_SPAN = 30.0  # metres around the middle of a street where centre scans are taken
+CENTRE_SPAN = (
+    30  # scans, a metre apart, around the middle of a street where centre scans are taken
+)
 
 
 @dataclass(frozen=True)

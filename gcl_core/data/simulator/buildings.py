@@ -28,8 +28,8 @@ def wall(length: float, height: float, storeys: int, rng: np.random.Generator) -
     rows = np.concatenate(
         [[0.0], *[[s * storey + sill, s * storey + sill + tall] for s in range(storeys)], [height]]
     )
-    i, k = np.meshgrid(np.arange(len(columns) - 1), np.arange(len(rows) - 1), indexing='ij')
-    i, k = i.ravel(), k.ravel()
+    grid = np.meshgrid(np.arange(len(columns) - 1), np.arange(len(rows) - 1), indexing='ij')
+    i, k = (index.ravel() for index in grid)
     window = (i % 2 == 1) & (k % 2 == 1) & (rng.random(len(i)) < 0.85)
     pane = window & (rng.random(len(i)) < PANE_SHARE)
     parts = []
