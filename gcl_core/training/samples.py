@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-import torch
 from torch.utils.data import IterableDataset
 
 from gcl_core import se3
@@ -72,7 +71,6 @@ class SampleStream(IterableDataset[Sample]):
         self._seed, self._first, self._last = seed, first, last
 
     def __iter__(self) -> Iterator[Sample]:
-        torch.set_num_threads(1)
         voxelizer = ResUNet(self._network)
         for number in range(self._first, self._last):
             yield self.sample(number, voxelizer)

@@ -86,6 +86,10 @@ def keep_freed_memory() -> None:
         libc.mallopt(trim_threshold, 2**31 - 1)
 
 
+def _leave_cores_to_the_network(worker: int) -> None:
+    torch.set_num_threads(1)
+
+
 def gcl_loss(
     features: torch.Tensor, groups: PositiveGroups, config: LossConfig, ramp: float, seed: int
 ) -> tuple[torch.Tensor, dict[str, float]]:
@@ -144,7 +148,11 @@ class Trainer:
         config = self.config
         stream = SampleStream(config.samples, config.network, config.seed, self.step, config.steps)
         loader = DataLoader(
-            stream, batch_size=None, num_workers=1, multiprocessing_context='spawn'
+            stream,
+            batch_size=None,
+            num_workers=1,
+            multiprocessing_context='spawn',
+            worker_init_fn=_leave_cores_to_the_network,
         )
         bar = tqdm(loader, total=config.steps, initial=self.step, unit='step', mininterval=5)
         with (self.folder / 'log.jsonl').open('a') as log:
