@@ -18,7 +18,7 @@ from rosgraph_msgs.msg import Clock
 from gcl_core.errors import GclError
 from gcl_ros.bag import open_bag
 
-SETTLE = 1.0  # seconds until a subscriber that we see has seen us too
+SETTLE = 2.0  # seconds until a subscriber that we see has seen us too
 DISCOVERY_LIMIT = 60.0  # seconds to wait for a subscriber: a network takes its time to load
 
 
