@@ -18,6 +18,7 @@ from gcl_core.matching.mutual import match_mutual
 from gcl_core.models import zoo
 from gcl_core.types import Features, PointCloud, Registration
 
+BEARABLE_YAW = np.deg2rad(40.0)  # between two scans; trained with up to 25 degrees on each
 TURN_MARGIN = np.deg2rad(25.0)  # beyond half a turn step, headings are another turn's business
 
 
@@ -96,8 +97,7 @@ class Registrar:
         watch: Stopwatch,
     ) -> list[_Candidate]:
         """Match and estimate at every heading; return all hypotheses, most support first."""
-        step = 2 * np.pi / self.config.turns
-        max_yaw = np.pi if self.config.turns == 1 else step / 2 + TURN_MARGIN
+        max_yaw = min(np.pi / self.config.turns, BEARABLE_YAW) + TURN_MARGIN
         candidates = []
         for T_turned_lidar, source in turned:
             with watch('match'):

@@ -22,7 +22,7 @@ class Row:
         wrong: transforms given that miss the loose criterion.
         rte: mean over loosely registered pairs, metres; nan without any.
         rre_deg: likewise, degrees.
-        seconds: median time of a pair.
+        seconds: median time of a pair; through the node, of those that were answered.
     """
 
     method: str
@@ -55,6 +55,7 @@ def _row(method: str, bin_: tuple[int, int], items: list[Prediction]) -> Row:
         if p.T_estimated is not None and metrics.registered(p.T_estimated, p.T_true, metrics.LOOSE)
     ]
     rte, rre_deg = np.mean(good, axis=0) if good else (np.nan, np.nan)
+    times = [p.seconds for p in items if np.isfinite(p.seconds)]
     found = sum(p.T_estimated is not None for p in items)
     return Row(
         method=method,
@@ -66,7 +67,7 @@ def _row(method: str, bin_: tuple[int, int], items: list[Prediction]) -> Row:
         wrong=found - len(good),
         rte=float(rte),
         rre_deg=float(rre_deg),
-        seconds=float(np.median([p.seconds for p in items])),
+        seconds=float(np.median(times)) if times else np.nan,
     )
 
 
