@@ -14,7 +14,7 @@ from rosbags.rosbag2 import Reader, ReaderError, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from gcl_core import se3
-from gcl_core.data.sequence import Sequence
+from gcl_core.data.sequence import Sequence, positions
 from gcl_core.errors import GclError
 from gcl_core.types import PointCloud
 from gcl_ros.conversions import (
@@ -77,7 +77,7 @@ def pair_encounters(
 
 def following(sequence: Sequence, distance: float) -> list[tuple[int, int]]:
     """For every scan as target, the first later scan at least `distance` metres away."""
-    where = np.stack([sequence.T_world_lidar(i)[:3, 3] for i in range(len(sequence))])
+    where = positions(sequence)
     pairs = []
     for target in range(len(where)):
         apart = np.linalg.norm(where[target:] - where[target], axis=1) >= distance
