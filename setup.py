@@ -23,7 +23,7 @@ setup(
     maintainer_email='gcl-ros@users.noreply.github.com',
     python_requires='>=3.10',
     packages=find_packages(include=['gcl_core*', 'gcl_ros*']),
-    package_data={'gcl_core.models': ['weights/*']},
+    package_data={'gcl_core.models': ['weights/*'], 'gcl_core.ops.native': ['*.cpp']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml']),

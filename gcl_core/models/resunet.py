@@ -112,17 +112,17 @@ class ResUNet(nn.Module):
             stem_kernel=self.STEM_KERNEL,
             finest_block=output,
         )
-        x = torch.relu(self.stem(voxels.features.to(self.dtype), pyramid.stem))
+        x = self.stem(voxels.features.to(self.dtype), pyramid.stem)
         skips = []
         for level, block in enumerate(self.encode):
             if level > 0:
-                x = torch.relu(self.down[level - 1](x, pyramid.down[level - 1]))
+                x = self.down[level - 1](x, pyramid.down[level - 1])
             if level >= output:
                 x = block(x, pyramid.same[level])
             skips.append(x)
         for step, (up, block) in enumerate(zip(self.up, self.decode, strict=True)):
             level = len(skips) - 2 - step
-            x = torch.relu(up(x, pyramid.down[level].transposed()))
+            x = up(x, pyramid.down[level].transposed())
             x = torch.cat([block(x, pyramid.same[level]), skips[level]], 1)
         descriptors = nn.functional.normalize(self.head(x.float()), dim=1)
 

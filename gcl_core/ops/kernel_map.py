@@ -1,47 +1,54 @@
 """Which voxels a convolution reads: the neighbour tables of a whole U-Net.
 
 Keys are sorted with z fastest, so the 3 (or 5) voxels of a column are found by one binary search
-and consecutive comparisons: 9 searches instead of 27, with queries in cache order.
+and consecutive comparisons: 9 searches instead of 27, with queries in cache order. The compiled
+twin (native/kernel_map.cpp) walks through both lists instead and finds the same rows.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 import torch
 from jaxtyping import Int32, Int64
 
+from gcl_core.ops.native.kernels import search as search_kernel
 from gcl_core.ops.voxelize import AXIS_BITS, coarsen, refine
 
 
 @dataclass(frozen=True)
 class KernelMap:
-    """Rows that each output voxel gathers, one column for each kernel offset.
+    """Rows that each output voxel reads, one list for each kernel offset.
 
     Attributes:
         neighbors: row of the input voxel at each offset, `num_inputs` where there is none.
-        inverse: the same relation from the inputs' side: the output row that reads this input
-            through each offset, `num_outputs` where there is none. Used by the backward pass,
-            and as `neighbors` of the transposed convolution.
+        num_inputs: number of input voxels.
+        other_side: the same pairs from the inputs' side, see `inverse`; None if the map is its
+            own mirror image (stride 1).
     """
 
-    neighbors: Int32[torch.Tensor, 'n_out k']
-    inverse: Int32[torch.Tensor, 'n_in k']
-
-    @property
-    def num_inputs(self) -> int:
-        """Number of input voxels."""
-        return len(self.inverse)
+    neighbors: Int32[torch.Tensor, 'k n_out']
+    num_inputs: int
+    other_side: Int32[torch.Tensor, 'k n_in'] | None = None
 
     @property
     def num_outputs(self) -> int:
         """Number of output voxels."""
-        return len(self.neighbors)
+        return self.neighbors.shape[1]
+
+    @cached_property
+    def inverse(self) -> Int32[torch.Tensor, 'k n_in']:
+        """Output row that reads each input through each offset, `num_outputs` where none does.
+
+        What the backward pass gathers by.
+        """
+        return self.neighbors.flip(0) if self.other_side is None else self.other_side
 
     def transposed(self) -> KernelMap:
         """Map of the transposed convolution: coarse to fine over the same pairs of voxels."""
-        return KernelMap(neighbors=self.inverse, inverse=self.neighbors)
+        return KernelMap(self.inverse, self.num_outputs, self.neighbors)
 
 
 def search(
@@ -49,7 +56,8 @@ def search(
 ) -> Int32[torch.Tensor, 'k m']:
     """Find the rows of `keys` at every offset of a `kernel`^3 cube around each of `centres`.
 
-    Offsets run x slowest, z fastest, from -(kernel // 2); a missing voxel gives `len(keys)`.
+    Both are sorted. Offsets run x slowest, z fastest, from -(kernel // 2); a missing voxel gives
+    `len(keys)`.
     """
     half = kernel // 2
     missing = len(keys)
@@ -66,23 +74,31 @@ def search(
     return torch.stack(rows)
 
 
+def invert(rows: Int32[torch.Tensor, 'k m'], num_inputs: int) -> Int32[torch.Tensor, 'k n']:
+    """Swap the two sides of a table: at each offset, the column that names each row."""
+    kernel, columns = rows.shape
+    other = rows.new_full((kernel, num_inputs + 1), columns)  # the last takes what is missing
+    numbers = torch.arange(columns, dtype=torch.int32, device=rows.device)
+    other.scatter_(1, rows.long(), numbers.expand_as(rows))
+    return other[:, :num_inputs].contiguous()
+
+
 def same_map(keys: Int64[torch.Tensor, ' n'], kernel: int) -> KernelMap:
     """Map of a convolution that keeps the voxels as they are (stride 1)."""
-    neighbors = search(keys, keys, kernel).t().contiguous()
-    return KernelMap(neighbors=neighbors, inverse=neighbors.flip(1))
+    compiled = search_kernel(keys, keys, kernel, axis_bits=AXIS_BITS)
+    return KernelMap(search(keys, keys, kernel) if compiled is None else compiled[0], len(keys))
 
 
 def down_map(
     fine: Int64[torch.Tensor, ' n'], coarse: Int64[torch.Tensor, ' m'], kernel: int = 3
 ) -> KernelMap:
     """Map of a stride-2 convolution from `fine` to `coarse = unique(coarsen(fine))`."""
-    found = search(fine, refine(coarse), kernel)
-    num_fine, num_coarse = len(fine), len(coarse)
-    inverse = torch.full((len(found), num_fine + 1), num_coarse, dtype=torch.int32)
-    inverse.scatter_(1, found.long(), torch.arange(num_coarse, dtype=torch.int32).expand_as(found))
-    return KernelMap(
-        neighbors=found.t().contiguous(), inverse=inverse[:, :num_fine].t().contiguous()
-    )
+    corners = refine(coarse)
+    compiled = search_kernel(fine, corners, kernel, axis_bits=AXIS_BITS, with_inverse=True)
+    if compiled is not None:
+        return KernelMap(compiled[0], len(fine), compiled[1])
+    found = search(fine, corners, kernel)
+    return KernelMap(found, len(fine), invert(found, len(fine)))
 
 
 @dataclass(frozen=True)
@@ -121,7 +137,7 @@ def build_pyramid(
         coarse, parent = torch.unique(coarsen(all_keys[-1]), return_inverse=True)
         all_keys.append(coarse)
         parents.append(parent)
-    empty = KernelMap(torch.empty(0, 27, dtype=torch.int32), torch.empty(0, 27, dtype=torch.int32))
+    empty = KernelMap(torch.empty(27, 0, dtype=torch.int32, device=keys.device), 0)
     return Pyramid(
         keys=tuple(all_keys),
         parent=tuple(parents),

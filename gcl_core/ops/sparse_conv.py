@@ -1,70 +1,58 @@
-"""Sparse convolution: gather the existing neighbours, multiply once.
+"""Sparse convolution: multiply the pairs of voxels that exist, offset by offset.
 
-Output rows are taken in chunks small enough for the gathered block to stay in cache. The gradient
-of the input is the same gather with the inverse map, that of the weight a product per chunk;
-nothing is scattered, so forward and backward are deterministic.
+The torch functions here are the definition, on any device and in any dtype. On a CPU, compiled
+kernels (native/sparse_conv.cpp) do the same in float32 and bfloat16 without a copy of the
+gathered rows. The gradient of the input is the same convolution over the inverse map, that of the
+weight a product per offset; forward and backward are deterministic.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Any
 
 import torch
-from jaxtyping import Float, Int32
+from jaxtyping import Float, Int32, Int64
 from torch import nn
 
 from gcl_core.ops.kernel_map import KernelMap
-
-CHUNK_ELEMENTS = 2048 * 27 * 64  # of the gathered block: fastest of 2^18..2^24 at 32-256 channels
-
-
-def _with_zero_row(x: Float[torch.Tensor, 'n c']) -> Float[torch.Tensor, 'n+1 c']:
-    """Append the row of zeros that missing neighbours point to."""
-    return torch.cat([x, x.new_zeros(1, x.shape[1])])
+from gcl_core.ops.native.kernels import PackedWeight, kernels_for
 
 
-def _chunks(rows: int, row_elements: int) -> list[tuple[int, int]]:
-    step = max(256, CHUNK_ELEMENTS // max(row_elements, 1))
-    return [(start, min(start + step, rows)) for start in range(0, rows, step)]
+def _pairs(
+    neighbors: Int32[torch.Tensor, ' n_out'], num_inputs: int
+) -> tuple[Int64[torch.Tensor, ' p'], Int64[torch.Tensor, ' p']]:
+    """Input and output rows that one kernel offset connects."""
+    out = (neighbors < num_inputs).nonzero().squeeze(1)
+    return neighbors[out].long(), out
 
 
 def gather_matmul(
     x: Float[torch.Tensor, 'n_in c_in'],
-    neighbors: Int32[torch.Tensor, 'n_out k'],
+    neighbors: Int32[torch.Tensor, 'k n_out'],
     weight: Float[torch.Tensor, 'k c_in c_out'],
 ) -> Float[torch.Tensor, 'n_out c_out']:
-    """Sum `x[neighbors[:, j]] @ weight[j]` over the kernel offsets j."""
-    rows, kernel = neighbors.shape
-    width = kernel * x.shape[1]
-    flat_weight = weight.reshape(width, -1)
-    out = x.new_empty(rows, flat_weight.shape[1])
-    padded = _with_zero_row(x)
-    index = neighbors.reshape(-1)
-    chunks = _chunks(rows, width)
-    buffer = x.new_empty((chunks[0][1] * kernel if chunks else 0, x.shape[1]))
-    for start, end in chunks:
-        gathered = buffer[: (end - start) * kernel]
-        torch.index_select(padded, 0, index[start * kernel : end * kernel], out=gathered)
-        torch.mm(gathered.view(end - start, width), flat_weight, out=out[start:end])
-    return out
+    """Sum `x[neighbors[j]] @ weight[j]` over the kernel offsets j, in float32 or better."""
+    wide = torch.promote_types(x.dtype, torch.float32)
+    total = x.new_zeros(neighbors.shape[1], weight.shape[2], dtype=wide)
+    for offset in range(len(neighbors)):
+        source, out = _pairs(neighbors[offset], len(x))
+        total[out] += x[source] @ weight[offset].to(x.dtype)  # no row comes twice in `out`
+    return total.to(x.dtype)
 
 
 def gather_weight_grad(
     x: Float[torch.Tensor, 'n_in c_in'],
-    neighbors: Int32[torch.Tensor, 'n_out k'],
+    neighbors: Int32[torch.Tensor, 'k n_out'],
     grad: Float[torch.Tensor, 'n_out c_out'],
 ) -> Float[torch.Tensor, 'k c_in c_out']:
-    """Gradient of `gather_matmul` with respect to its weight, summed over chunks in float32."""
-    rows, kernel = neighbors.shape
-    width = kernel * x.shape[1]
-    total = torch.zeros(width, grad.shape[1])
-    padded = _with_zero_row(x)
-    index = neighbors.reshape(-1)
-    for start, end in _chunks(rows, width):
-        gathered = padded.index_select(0, index[start * kernel : end * kernel])
-        total += gathered.view(end - start, width).t() @ grad[start:end]
-    return total.view(kernel, x.shape[1], -1)
+    """Gradient of `gather_matmul` with respect to its weight."""
+    products = []
+    for row in neighbors:
+        source, out = _pairs(row, len(x))
+        products.append(x[source].t() @ grad[out])
+    return torch.stack(products)
 
 
 class _SparseConvFunction(torch.autograd.Function):
@@ -72,18 +60,24 @@ class _SparseConvFunction(torch.autograd.Function):
     def forward(ctx: Any, x: torch.Tensor, weight: torch.Tensor, kmap: KernelMap) -> torch.Tensor:
         ctx.save_for_backward(x, weight)
         ctx.kmap = kmap
-        return gather_matmul(x, kmap.neighbors, weight.to(x.dtype))
+        kernels = kernels_for(x)
+        if kernels:
+            return kernels.convolve(x, kmap.neighbors, kernels.pack(weight))
+        return gather_matmul(x, kmap.neighbors, weight)
 
     @staticmethod
     def backward(ctx: Any, grad: torch.Tensor) -> tuple[torch.Tensor | None, ...]:
         x, weight = ctx.saved_tensors
-        grad = grad.contiguous()
+        kmap: KernelMap = ctx.kmap
+        kernels = kernels_for(x)
         grad_x = grad_weight = None
-        if ctx.needs_input_grad[0]:
-            transposed = weight.to(x.dtype).transpose(1, 2).contiguous()
-            grad_x = gather_matmul(grad, ctx.kmap.inverse, transposed)
+        if ctx.needs_input_grad[0] and kernels:
+            grad_x = kernels.convolve(grad, kmap.inverse, kernels.pack(weight, transposed=True))
+        elif ctx.needs_input_grad[0]:
+            grad_x = gather_matmul(grad, kmap.inverse, weight.transpose(1, 2))
         if ctx.needs_input_grad[1]:
-            grad_weight = gather_weight_grad(x, ctx.kmap.neighbors, grad).to(weight.dtype)
+            of_weight = kernels.weight_grad if kernels else gather_weight_grad
+            grad_weight = of_weight(x, kmap.neighbors, grad).to(weight.dtype)
         return grad_x, grad_weight, None
 
 
@@ -92,7 +86,7 @@ def sparse_conv(
     weight: Float[torch.Tensor, 'k c_in c_out'],
     kmap: KernelMap,
 ) -> Float[torch.Tensor, 'n_out c_out']:
-    """Convolve sparse features; computes in the dtype of `x` (float32 or bfloat16).
+    """Convolve sparse features; computes in the dtype of `x`.
 
     Equal to `torch.nn.functional.conv3d` on the dense grid, read at the output voxels
     (Choy et al., Minkowski networks, CVPR 2019, eq. 3).
@@ -115,3 +109,44 @@ class SparseConv(nn.Module):
     ) -> Float[torch.Tensor, 'n_out c_out']:
         """Convolve over `kmap`."""
         return sparse_conv(x, self.weight, kmap)
+
+
+@dataclass(frozen=True)
+class FoldedConv:
+    """Convolution, batch norm, residual and ReLU in one pass, for inference.
+
+    Attributes:
+        weight: with the norm's scale folded in, float32.
+        bias: what is left of the norm, float32.
+        packed: the weight as the compiled kernels read it, where they are used.
+    """
+
+    weight: Float[torch.Tensor, 'k c_in c_out']
+    bias: Float[torch.Tensor, ' c_out']
+    packed: PackedWeight | None
+
+    @classmethod
+    def fold(cls, conv: SparseConv, norm: nn.BatchNorm1d, like: torch.Tensor) -> FoldedConv:
+        """Fold a convolution and the norm behind it, for features such as `like`."""
+        if norm.running_mean is None or norm.running_var is None:
+            raise ValueError('a batch norm without running statistics cannot be folded')
+        scale = norm.weight * (norm.running_var + norm.eps).rsqrt()
+        weight = (conv.weight * scale).detach()
+        bias = (norm.bias - norm.running_mean * scale).detach()
+        kernels = kernels_for(like)
+        return cls(weight, bias, kernels.pack(weight) if kernels else None)
+
+    def __call__(
+        self,
+        x: Float[torch.Tensor, 'n_in c_in'],
+        kmap: KernelMap,
+        residual: Float[torch.Tensor, 'n_out c_out'] | None = None,
+    ) -> Float[torch.Tensor, 'n_out c_out']:
+        """Return ReLU(convolution + bias + residual)."""
+        kernels = kernels_for(x)
+        if kernels and self.packed:
+            return kernels.convolve(
+                x, kmap.neighbors, self.packed, bias=self.bias, residual=residual, relu=True
+            )
+        out = gather_matmul(x, kmap.neighbors, self.weight) + self.bias.to(x.dtype)
+        return torch.relu(out if residual is None else out + residual)

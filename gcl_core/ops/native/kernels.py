@@ -1,0 +1,167 @@
+"""The compiled kernels as functions of tensors."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import torch
+from jaxtyping import Float, Int32, Int64
+
+from gcl_core.ops.native.build import library
+
+SUFFIX = {torch.float32: 'f32', torch.bfloat16: 'bf16'}
+POINTER, LONG, INT = ctypes.c_void_p, ctypes.c_long, ctypes.c_int
+
+
+@dataclass(frozen=True)
+class PackedWeight:
+    """A weight in the order that the kernel reads it.
+
+    Attributes:
+        data: flat, in the features' dtype.
+        kernel, in_channels, out_channels: shape of the weight.
+    """
+
+    data: torch.Tensor
+    kernel: int
+    in_channels: int
+    out_channels: int
+
+
+class Kernels:
+    """Kernels for one dtype of features."""
+
+    def __init__(self, lib: ctypes.CDLL, dtype: torch.dtype) -> None:
+        self.dtype = dtype
+        suffix = SUFFIX[dtype]
+        signatures = {
+            'packed_size': (LONG,) * 3,
+            'pack': (POINTER, LONG, LONG, LONG, INT, POINTER),
+            'conv': (
+                *(POINTER, INT, LONG, POINTER, LONG, LONG),
+                *(POINTER, LONG, POINTER, POINTER, INT, POINTER, INT),
+            ),
+            'weight_grad': (POINTER, INT, LONG, POINTER, LONG, LONG, POINTER, LONG, POINTER, INT),
+        }
+        self._call: dict[str, Callable[..., Any]] = {}
+        for name, arguments in signatures.items():
+            function = getattr(lib, f'gcl_{name}_{suffix}')
+            function.argtypes = arguments
+            function.restype = LONG if name == 'packed_size' else None
+            self._call[name] = function
+
+    def pack(
+        self, weight: Float[torch.Tensor, 'k c_in c_out'], *, transposed: bool = False
+    ) -> PackedWeight:
+        """Pack a float32 weight; `transposed` swaps its channels, for the gradient."""
+        weight = weight.detach().float().contiguous()
+        kernel, c_in, c_out = weight.shape
+        if transposed:
+            c_in, c_out = c_out, c_in
+        size = self._call['packed_size'](kernel, c_in, c_out)
+        data = torch.empty(size, dtype=self.dtype)
+        self._call['pack'](
+            weight.data_ptr(), kernel, c_in, c_out, int(transposed), data.data_ptr()
+        )
+        return PackedWeight(data, kernel, c_in, c_out)
+
+    def convolve(
+        self,
+        x: Float[torch.Tensor, 'n_in c_in'],
+        neighbors: Int32[torch.Tensor, 'k n_out'],
+        weight: PackedWeight,
+        *,
+        bias: Float[torch.Tensor, ' c_out'] | None = None,
+        residual: Float[torch.Tensor, 'n_out c_out'] | None = None,
+        relu: bool = False,
+    ) -> Float[torch.Tensor, 'n_out c_out']:
+        """Sum `x[neighbors[j]] @ weight[j]`, plus bias and residual, then ReLU if asked for."""
+        self._check(x, neighbors, weight.kernel)
+        if x.shape[1] != weight.in_channels:
+            raise ValueError(f'{x.shape[1]} channels, the weight has {weight.in_channels}')
+        x = self._even(x)
+        residual = None if residual is None else residual.contiguous()
+        out = x.new_empty(neighbors.shape[1], weight.out_channels)
+        self._call['conv'](
+            *(x.data_ptr(), len(x), x.shape[1]),
+            *(neighbors.data_ptr(), neighbors.shape[1], weight.kernel),
+            *(weight.data.data_ptr(), weight.out_channels),
+            None if bias is None else bias.data_ptr(),
+            None if residual is None else residual.data_ptr(),
+            *(int(relu), out.data_ptr(), torch.get_num_threads()),
+        )
+        return out
+
+    def weight_grad(
+        self,
+        x: Float[torch.Tensor, 'n_in c_in'],
+        neighbors: Int32[torch.Tensor, 'k n_out'],
+        grad: Float[torch.Tensor, 'n_out c_out'],
+    ) -> Float[torch.Tensor, 'k c_in c_out']:
+        """Gradient of `convolve` with respect to its weight, float32."""
+        self._check(x, neighbors, len(neighbors))
+        x, grad = x.contiguous(), grad.contiguous()
+        out = torch.empty(len(neighbors), x.shape[1], grad.shape[1])
+        self._call['weight_grad'](
+            *(x.data_ptr(), len(x), x.shape[1]),
+            *(neighbors.data_ptr(), neighbors.shape[1], len(neighbors)),
+            *(grad.data_ptr(), grad.shape[1], out.data_ptr(), torch.get_num_threads()),
+        )
+        return out
+
+    def _check(self, x: torch.Tensor, neighbors: torch.Tensor, kernel: int) -> None:
+        """Refuse what the kernels would misread."""
+        if x.dtype != self.dtype or neighbors.dtype != torch.int32 or len(neighbors) != kernel:
+            raise TypeError(f'{x.dtype} features, {neighbors.dtype} map of {len(neighbors)} rows')
+        if not neighbors.is_contiguous():
+            raise TypeError('a kernel map must be contiguous')
+
+    def _even(self, x: torch.Tensor) -> torch.Tensor:
+        """Two bfloat16 channels are read at a time: an odd one gets a channel of zeros."""
+        if self.dtype == torch.bfloat16 and x.shape[1] % 2:
+            x = torch.nn.functional.pad(x, (0, 1))
+        return x.contiguous()
+
+
+def kernels_for(x: torch.Tensor) -> Kernels | None:
+    """Kernels for features of this dtype and device, or None: then torch does it."""
+    return _kernels(x.dtype) if x.device.type == 'cpu' else None
+
+
+@cache
+def _kernels(dtype: torch.dtype) -> Kernels | None:
+    suffix, lib = SUFFIX.get(dtype), None
+    if suffix is not None:
+        lib = library()
+    if lib is None or not hasattr(lib, f'gcl_conv_{suffix}'):
+        return None
+    return Kernels(lib, dtype)
+
+
+def search(
+    keys: Int64[torch.Tensor, ' n'],
+    centres: Int64[torch.Tensor, ' m'],
+    kernel: int,
+    *,
+    axis_bits: int,
+    with_inverse: bool = False,
+) -> tuple[Int32[torch.Tensor, 'k m'], Int32[torch.Tensor, 'k n'] | None] | None:
+    """Neighbour table and, if asked for, its inverse; None if torch has to do it."""
+    lib = library() if keys.device.type == 'cpu' else None
+    if lib is None:
+        return None
+    keys, centres = keys.contiguous(), centres.contiguous()
+    rows = torch.empty(kernel**3, len(centres), dtype=torch.int32)
+    inverse = torch.empty(kernel**3, len(keys), dtype=torch.int32) if with_inverse else None
+    lib.gcl_search(
+        *(POINTER(keys.data_ptr()), ctypes.c_int64(len(keys))),
+        *(POINTER(centres.data_ptr()), ctypes.c_int64(len(centres)), INT(kernel), INT(axis_bits)),
+        POINTER(rows.data_ptr()),
+        POINTER(None if inverse is None else inverse.data_ptr()),
+        INT(torch.get_num_threads()),
+    )
+    return rows, inverse

@@ -1,0 +1,150 @@
+"""The compiled kernels against the torch functions that define them."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+import torch
+
+from gcl_core.models.blocks import ConvNorm
+from gcl_core.ops import kernel_map
+from gcl_core.ops.native import build, kernels
+from gcl_core.ops.sparse_conv import gather_matmul, gather_weight_grad, sparse_conv
+from gcl_core.ops.voxelize import coarsen, encode, refine
+
+pytestmark = pytest.mark.skipif(build.library() is None, reason='no C++ compiler')
+TOLERANCE = {torch.float32: 1e-5, torch.bfloat16: 1e-2}
+CHANNELS = [(1, 32), (2, 32), (3, 5), (32, 64), (96, 100)]  # odd, narrow, wide, no multiple
+
+
+def random_map(side: int = 14, kernel: int = 3, density: float = 0.2) -> kernel_map.KernelMap:
+    generator = torch.Generator().manual_seed(3)
+    coords = (torch.rand(side, side, side, generator=generator) < density).nonzero()
+    return kernel_map.same_map(encode(coords - side // 2), kernel)
+
+
+def compiled(dtype: torch.dtype) -> kernels.Kernels:
+    found = kernels.kernels_for(torch.empty(0, dtype=dtype))
+    if found is None:
+        pytest.skip(f'this processor does not multiply {dtype}')
+    return found
+
+
+def relative(a: torch.Tensor, b: torch.Tensor) -> float:
+    return float((a.float() - b.float()).norm() / b.float().norm())
+
+
+@pytest.mark.parametrize('dtype', TOLERANCE)
+@pytest.mark.parametrize(('c_in', 'c_out'), CHANNELS)
+def test_convolution_and_weight_gradient(dtype, c_in, c_out):
+    kmap, engine = random_map(), compiled(dtype)
+    generator = torch.Generator().manual_seed(4)
+    x = torch.randn(kmap.num_inputs, c_in, generator=generator).to(dtype)
+    grad = torch.randn(kmap.num_outputs, c_out, generator=generator).to(dtype)
+    weight = torch.randn(27, c_in, c_out, generator=generator)
+    ours = engine.convolve(x, kmap.neighbors, engine.pack(weight))
+    assert relative(ours, gather_matmul(x, kmap.neighbors, weight)) < TOLERANCE[dtype]
+    back = engine.convolve(grad, kmap.inverse, engine.pack(weight, transposed=True))
+    transposed = gather_matmul(grad, kmap.inverse, weight.transpose(1, 2))
+    assert relative(back, transposed) < TOLERANCE[dtype]
+    of_weight = engine.weight_grad(x, kmap.neighbors, grad)
+    assert relative(of_weight, gather_weight_grad(x, kmap.neighbors, grad)) < TOLERANCE[dtype]
+
+
+@pytest.mark.parametrize('dtype', TOLERANCE)
+def test_folded_block_equals_its_parts(dtype):
+    kmap = random_map()
+    block = ConvNorm(8, 40).train()
+    x = torch.randn(kmap.num_inputs, 8, generator=torch.Generator().manual_seed(5))
+    for _ in range(3):
+        block(x, kmap)  # gives the norm statistics other than 0 and 1
+    block.eval()
+    residual = torch.randn(kmap.num_outputs, 40).to(dtype)
+    parts = block(x.to(dtype), kmap, residual).detach()
+    with torch.inference_mode():
+        folded = block(x.to(dtype), kmap, residual)
+    assert relative(folded, parts) < 2 * TOLERANCE[dtype]
+
+
+def test_folded_weights_are_forgotten_when_training_goes_on():
+    kmap, block = random_map(), ConvNorm(4, 4).eval()
+    x = torch.randn(kmap.num_inputs, 4)
+    with torch.no_grad():
+        before = block(x, kmap)
+        block.train()
+        block.conv.weight.mul_(3)
+        after = block.eval()(x, kmap)
+    torch.testing.assert_close(after, 3 * before)
+
+
+@pytest.mark.parametrize('kernel', [3, 5])
+def test_maps(kernel, monkeypatch):
+    generator = torch.Generator().manual_seed(6)
+    coords = torch.randint(-30, 30, (4000, 3), generator=generator)
+    fine = torch.cat([encode(coords, scan).unique() for scan in (0, 1)])
+    corners = refine(coarsen(fine).unique())
+    for centres in (fine, corners, fine[:0]):
+        rows = kernel_map.search(fine, centres, kernel)
+        found = kernels.search(fine, centres, kernel, axis_bits=16, with_inverse=True)
+        assert found is not None
+        assert torch.equal(found[0], rows)
+        assert torch.equal(found[1], kernel_map.invert(rows, len(fine)))
+
+
+@pytest.mark.parametrize('dtype', TOLERANCE)
+def test_number_of_threads_does_not_change_a_bit(dtype):
+    kmap = random_map(side=24)
+    x = torch.randn(kmap.num_inputs, 16).to(dtype).requires_grad_()
+    weight = torch.randn(27, 16, 16, requires_grad=True)
+    results, threads = [], torch.get_num_threads()
+    try:
+        for count in (1, 2, 2, 3):
+            torch.set_num_threads(count)
+            out = sparse_conv(x, weight, kmap)
+            results.append((out, *torch.autograd.grad(out.sum(), (x, weight))))
+    finally:
+        torch.set_num_threads(threads)
+    assert all(torch.equal(a, b) for other in results for a, b in zip(results[0], other))
+
+
+def test_misfitting_input_is_refused():
+    kmap, engine = random_map(), compiled(torch.float32)
+    weight = engine.pack(torch.randn(27, 4, 4))
+    with pytest.raises(TypeError, match='float64'):
+        engine.convolve(torch.zeros(3, 4, dtype=torch.float64), kmap.neighbors, weight)
+    with pytest.raises(ValueError, match='8 channels'):
+        engine.convolve(torch.zeros(3, 8), kmap.neighbors, weight)
+    with pytest.raises(TypeError, match='contiguous'):
+        engine.convolve(torch.zeros(3, 4), kmap.neighbors.t().contiguous().t(), weight)
+
+
+def in_fresh_process(code: str, **environment: str) -> str:
+    command = [sys.executable, '-c', 'import logging; logging.basicConfig(level=20)\n' + code]
+    done = subprocess.run(
+        command, env={**os.environ, **environment}, capture_output=True, text=True, check=True
+    )
+    return done.stdout + done.stderr
+
+
+LOAD = 'from gcl_core.ops.native.build import library; print(library() is None, library() is None)'
+
+
+def test_switched_off_it_says_so_once():
+    said = in_fresh_process(LOAD, GCL_NATIVE='0')
+    assert 'True True' in said
+    assert said.count('plain torch') == 1
+
+
+def test_a_compiler_that_fails_leaves_torch_and_a_warning(tmp_path):
+    said = in_fresh_process(LOAD, CXX='false', XDG_CACHE_HOME=str(tmp_path))
+    assert 'True True' in said
+    assert 'WARNING' in said
+
+
+def test_compiled_once_into_a_private_folder(tmp_path):
+    said = in_fresh_process(LOAD, XDG_CACHE_HOME=str(tmp_path))
+    assert 'False False' in said
+    (folder,) = tmp_path.iterdir()
+    assert folder.stat().st_mode & 0o077 == 0
+    assert [path.suffix for path in folder.iterdir()] == ['.so']
