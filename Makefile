@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: install demo test lint type clean
+.PHONY: install demo test lint type bench-engine clean
 
 install: $(VENV)/installed
 
@@ -25,6 +25,12 @@ lint: install
 
 type: install
 	$(BIN)/mypy gcl_core
+
+# Run it when nothing else runs.  spconv goes to a folder of its own, for this comparison only.
+bench-engine: install
+	test -d build/spconv || $(BIN)/pip install -q --disable-pip-version-check --no-deps \
+		--target build/spconv spconv cumm pccm ccimport pybind11 fire termcolor lark portalocker ninja
+	PYTHONPATH=build/spconv $(BIN)/python -m gcl_core.bench.engine --out bench/engine.json
 
 clean:
 	rm -rf $(VENV) build install log *.egg-info

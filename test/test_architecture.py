@@ -14,7 +14,7 @@ LAYERS = [
     {'models', 'matching', 'estimation'},
     {'registrar', 'data', 'losses'},
     {'training', 'evaluation'},
-    {'cli'},
+    {'cli', 'bench'},
 ]
 
 

@@ -1,0 +1,1 @@
+"""Benchmarks: each writes a table and a flat JSON; never run as tests."""
