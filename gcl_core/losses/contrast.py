@@ -6,10 +6,24 @@ positive, in the manner of supervised contrastive learning (Khosla et al., NeurI
 
 from __future__ import annotations
 
+import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int64
+from scipy.spatial import cKDTree
 
 from gcl_core.types import PositiveGroups
+
+
+def near_pairs(
+    groups: PositiveGroups, radius: float
+) -> tuple[Int64[torch.Tensor, ' p'], Int64[torch.Tensor, ' p']]:
+    """Ordered pairs of different members whose groups' spots are nearer than `radius`, metres."""
+    spots = groups.anchor[groups.group].cpu().numpy()
+    i, j = cKDTree(spots).query_pairs(radius, output_type='ndarray').T
+    device = groups.member.device
+    first = torch.from_numpy(np.concatenate([i, j])).long().to(device)
+    second = torch.from_numpy(np.concatenate([j, i])).long().to(device)
+    return first, second
 
 
 def group_contrast(
@@ -27,13 +41,12 @@ def group_contrast(
         temperature: divides the cosine similarities.
         safe_radius: groups whose spots are nearer than this are no negatives, metres.
     """
-    group = groups.group
     f = features[groups.member]
-    similarity = f @ f.t() / temperature
-    spot = groups.anchor.float()
-    too_near = (torch.cdist(spot, spot) < safe_radius)[group][:, group]
-    negatives = similarity.masked_fill(too_near, float('-inf')).logsumexp(1)
-    same = group.unsqueeze(1) == group.unsqueeze(0)
-    same.fill_diagonal_(False)
-    row, column = same.nonzero(as_tuple=True)
-    return torch.nn.functional.softplus(negatives[row] - similarity[row, column]).mean()
+    first, second = near_pairs(groups, safe_radius)
+    near = (f[first] * f[second]).sum(1) / temperature
+    own = f.square().sum(1) / temperature
+    # Few pairs are near: take them out of the sum over all instead of masking a square matrix.
+    total = (f @ f.t() / temperature).exp().sum(1) - own.exp()
+    negatives = total.index_add(0, first, -near.exp()).clamp(min=1e-6).log()
+    same = groups.group[first] == groups.group[second]
+    return torch.nn.functional.softplus(negatives[first[same]] - near[same]).mean()

@@ -6,6 +6,9 @@ import torch
 
 from gcl_core import se3
 from gcl_core.data.groups import draw_neighbors, find_groups, sample_groups
+from gcl_core.errors import GclError
+from gcl_core.losses.circle import circle
+from gcl_core.losses.combined import TERMS, LossConfig, combined
 from gcl_core.losses.contrast import group_contrast
 from gcl_core.losses.finest import finest
 from gcl_core.losses.hardest_negative import hardest_negative
@@ -99,7 +102,68 @@ def test_contrast_by_hand_and_safe_radius():
         scores = [f[i] @ f[j], *(f[i] @ f[n] for n in negatives)]
         terms.append(np.log(np.exp(scores).sum()) - scores[0])
     assert loss.item() == pytest.approx(np.mean(terms), rel=1e-5)
-    assert group_contrast(FEATURES, groups, safe_radius=50.0).item() == pytest.approx(0.0)
+    assert group_contrast(FEATURES, groups, safe_radius=50.0).item() < 1e-5
+
+
+def test_blocked_finest_has_the_value_of_finest_but_not_its_gradient():
+    groups = groups_of([0, 1], [2, 3], finest_at=[1, 2])
+    gradients = []
+    for blocked in (False, True):
+        f = FEATURES.clone().requires_grad_()
+        loss = finest(f, groups, blocked=blocked)
+        assert loss.item() == pytest.approx(finest(FEATURES, groups).item())
+        gradients.append(torch.autograd.grad(loss, f)[0])
+    # |finest - mean| of (a, b) with b the finest: half of (b - a); blocked, only the mean moves.
+    torch.testing.assert_close(gradients[1][1], -gradients[0][1])
+    torch.testing.assert_close(gradients[1][0], gradients[0][0])
+
+
+def test_circle_by_hand():
+    groups = groups_of([0, 2], [1, 3], finest_at=[0, 2])
+    loss = circle(FEATURES, groups, generator=torch.Generator(), log_scale=2.0)
+    f, terms = FEATURES.numpy(), []
+    for i, j, negatives in ((0, 2, (1, 3)), (2, 0, (1, 3)), (1, 3, (0, 2)), (3, 1, (0, 2))):
+        positive = 2.0 * (np.linalg.norm(f[i] - f[j]) - 0.1) ** 2
+        far = [np.linalg.norm(f[i] - f[n]) for n in negatives]
+        negative = np.log(sum(np.exp(2.0 * (1.4 - d) * max(1.4 - d, 0)) for d in far))
+        terms.append(np.log1p(np.exp(positive + negative)) / 2.0)
+    assert loss.item() == pytest.approx(np.mean(terms), rel=1e-5)
+
+
+def test_groups_of_two_are_the_pair_wise_loss():
+    """FCGF's hardest-contrastive loss, written as its paper writes it (Choy et al., eq. 4)."""
+    torch.manual_seed(2)
+    f = torch.nn.functional.normalize(torch.randn(8, 16), dim=1)
+    groups = groups_of([0, 4], [1, 5], [2, 6], [3, 7], finest_at=[0, 2, 4, 6])
+    config = LossConfig(contrast=0, variance=0, finest=0, pair=1, negative=1, gcl_from=0)
+    ours, parts = combined(f, groups, config, progress=0.0, generator=torch.Generator())
+    a, b = f[:4], f[4:]
+    positive = ((a - b).square().sum(1) - 0.1).relu().mean()
+    everything = torch.cdist(f, f)
+    own = torch.arange(8) % 4
+    everything[own[:, None] == own[None]] = 9.0
+    negative = (1.4 - everything.min(1).values).relu().square().mean()
+    assert parts['pair'] == pytest.approx(positive.item(), rel=1e-5)
+    assert ours.item() == pytest.approx((positive + negative).item(), rel=1e-4)
+
+
+def test_losses_join_when_the_recipe_says():
+    groups = groups_of([0, 2], [1, 3], finest_at=[0, 2])
+    config = LossConfig(gcl_from=0.5)
+    names = []
+    for progress in (0.2, 0.8):
+        _, parts = combined(
+            FEATURES, groups, config, progress=progress, generator=torch.Generator()
+        )
+        names.append(set(parts))
+    assert names == [{'contrast'}, {'contrast', 'variance', 'finest', 'negative'}]
+    assert (config.ramp(0.5), config.ramp(0.75), config.ramp(1.0)) == (0.0, 1.0, 1.0)
+
+
+@pytest.mark.parametrize('weights', [{'pair': -1.0}, dict.fromkeys(TERMS, 0.0)])
+def test_weights_that_make_no_loss_are_refused(weights):
+    with pytest.raises(GclError, match='loss weights'):
+        LossConfig(**weights)
 
 
 @pytest.mark.parametrize(
