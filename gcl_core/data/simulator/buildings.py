@@ -138,3 +138,11 @@ def hall(length: float, width: float, height: float, rng: np.random.Generator) -
             vent = box(*rng.uniform(1.0, 3.0, 3))
             parts.append(place(vent, x=x * length, y=y * width, z=height))
     return np.concatenate(parts)
+
+
+def silhouette(length: float, width: float, height: float, rng: np.random.Generator) -> Triangles:
+    """Distant building: bare walls, a roof."""
+    if rng.random() < 0.4:
+        return box(length, width, height)
+    roof = gable_roof(length, width, rng.uniform(0.25, 0.5) * min(length, width))
+    return np.concatenate([box(length, width, height), place(roof, z=height)])

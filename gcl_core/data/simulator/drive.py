@@ -13,7 +13,7 @@ from gcl_core.data.simulator.terrain import Terrain
 from gcl_core.errors import GclError
 
 Route = Literal['along', 'oncoming', 'across', 'turning']
-TURN_RADIUS = 6.0  # metres
+TURN_RADIUS = 8.0  # metres
 
 
 @dataclass(frozen=True)
@@ -29,6 +29,17 @@ class Course:
     lateral: Float[np.ndarray, ' n']
 
 
+def route_number(route: Route) -> int:
+    """Number of a route, to seed what is random about it.
+
+    Raises:
+        GclError: unknown route.
+    """
+    if route not in get_args(Route):
+        raise GclError(f'unknown route {route!r}; choose one of {", ".join(get_args(Route))}')
+    return get_args(Route).index(route)
+
+
 def course(route: Route, terrain: Terrain, travelled: Float[np.ndarray, ' n']) -> Course:
     """Lay a route into the street.
 
@@ -38,15 +49,13 @@ def course(route: Route, terrain: Terrain, travelled: Float[np.ndarray, ' n']) -
         travelled: metres from the middle of the route at each scan.
 
     Raises:
-        GclError: unknown route, or the street has no side street for it.
+        GclError: the street has no side street for it.
     """
     lane = 0.4 * terrain.half_road
     if route == 'along':
         return Course(travelled, np.full_like(travelled, -lane))
     if route == 'oncoming':
         return Course(-travelled, np.full_like(travelled, lane))
-    if route not in get_args(Route):
-        raise GclError(f'unknown route {route!r}; choose one of {", ".join(get_args(Route))}')
     middle, half = nearest_crossing(terrain)
     if route == 'across':
         return Course(np.full_like(travelled, middle + 0.4 * half), travelled)

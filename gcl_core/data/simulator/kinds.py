@@ -26,29 +26,36 @@ class Kind:
         vehicles: moving vehicles within the 380 m of road, on average.
         people: pedestrians and cyclists, on average.
         bridge: probability of a bridge over the road.
+        side_streets: share of houses among what lines a side street; the others are trees.
+        storeys: height of those houses, and of those in the background, metres.
+        background: share of the ground's far edge with buildings.
     """
 
     share: float
     styles: dict[str, float]
-    half_road: tuple[float, float] = (2.8, 6.5)
-    sidewalk: tuple[float, float] = (1.0, 3.5)
+    half_road: tuple[float, float] = (2.8, 7.0)
+    sidewalk: tuple[float, float] = (1.0, 5.0)
     bend: float = 1.0
     hills: float = 1.0
     crossings: tuple[float, float] = (35.0, 140.0)
-    parked: float = 0.8
+    parked: float = 0.7
     street_trees: float = 0.6
     vehicles: float = 8.0
     people: float = 6.0
     bridge: float = 0.05
+    side_streets: float = 0.6
+    storeys: tuple[float, float] = (3.0, 9.0)
+    background: float = 0.5
 
 
 KINDS = {
     'mixed': Kind(0.2, {'suburb': 0.4, 'town': 0.25, 'green': 0.2, 'open': 0.15}),
     'residential': Kind(
         0.3,
-        {'suburb': 0.8, 'green': 0.1, 'terrace': 0.1},
-        half_road=(2.6, 4.2),
-        sidewalk=(1.0, 2.5),
+        {'suburb': 0.65, 'town': 0.15, 'green': 0.08, 'terrace': 0.06, 'square': 0.06},
+        half_road=(2.6, 6.0),
+        sidewalk=(1.0, 4.5),
+        parked=0.6,
         bend=1.2,
         hills=1.5,
         vehicles=3.0,
@@ -72,6 +79,9 @@ KINDS = {
         vehicles=22.0,
         people=25.0,
         bridge=0.1,
+        side_streets=0.95,
+        storeys=(12.0, 30.0),
+        background=0.9,
     ),
     'industrial': Kind(
         0.1,
@@ -82,12 +92,17 @@ KINDS = {
         street_trees=0.25,
         people=2.0,
         bridge=0.15,
+        side_streets=0.4,
+        background=0.6,
     ),
     'park': Kind(
         0.08,
         {'park': 0.5, 'square': 0.2, 'carpark': 0.2, 'open': 0.1},
         hills=1.5,
         people=15.0,
+        side_streets=0.25,
+        background=0.7,
+        storeys=(5.0, 16.0),
     ),
     'rural': Kind(
         0.1,
@@ -102,6 +117,8 @@ KINDS = {
         vehicles=4.0,
         people=1.0,
         bridge=0.1,
+        side_streets=0.1,
+        background=0.05,
     ),
 }
 

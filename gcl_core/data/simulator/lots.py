@@ -75,12 +75,12 @@ def _behind(lot: Lot, odds: float, nearest: float, farthest: float) -> None:
 def suburb(lot: Lot) -> None:
     """Detached house in a garden, a hedge or fence in front, a car in the drive."""
     rng = lot.rng
-    setback, width = rng.uniform(3, 12), rng.uniform(7, 13)
+    setback, width = rng.uniform(3, 16), rng.uniform(7, 13)
     part = house(rng.uniform(0.5, 0.8) * lot.length, width, rng.uniform(2.8, 7.5), rng)
     lot.put(part, 'facade', rng.normal(), setback + width / 2, rng.normal() * 0.04)
     _behind(lot, 0.8, setback + 24, setback + 40)
-    _boundary(lot, 0.45, 0.6)
-    _greenery(lot, 3.0, 7.0)
+    _boundary(lot, 0.35, 0.6)
+    _greenery(lot, 4.0, 8.0)
     if rng.random() < 0.4:
         out = rng.uniform(2.5, max(3.0, setback))
         lot.put(vehicles.car(rng), 'paint', lot.along(0.4), out, np.pi / 2)
@@ -90,7 +90,7 @@ def suburb(lot: Lot) -> None:
 def town(lot: Lot) -> None:
     """House of two to five storeys, hardly any gap to the next."""
     rng = lot.rng
-    setback, width = rng.uniform(0, 3), rng.uniform(9, 14)
+    setback, width = rng.uniform(0, 6), rng.uniform(9, 14)
     length = lot.length * rng.uniform(0.85, 1.0)
     part = house(length, width, rng.uniform(6, 16), rng, flat=rng.random() < 0.4)
     lot.put(part, 'facade', 0.0, setback + width / 2, 0.0)

@@ -23,8 +23,8 @@ def meet(
 ) -> tuple[SimulatedSequence, SimulatedSequence]:
     """Drive two vehicles through one world by one clock; each sees the other.
 
-    Scan i of both is near the same moment (the same one where their speeds agree); they come
-    nearest to each other in the middle of their drives. See `SimulatedSequence.stamp`.
+    Scan i of both is the same moment; they come nearest to each other in the middle of their
+    drives, but for one that follows, which keeps its distance.
 
     Args:
         seed: everything follows from it.
@@ -32,7 +32,7 @@ def meet(
             the seed when None, among those that the street allows.
         sensors: of the first and of the second vehicle.
         kind: kind of place; drawn from the seed when None.
-        spacing: metres between scans of a vehicle.
+        spacing: metres between scans of the first vehicle.
 
     Raises:
         GclError: unknown manoeuvre, or the street has no crossing for it.
@@ -48,19 +48,23 @@ def meet(
         raise GclError(f'unknown manoeuvre {manoeuvre!r}; choose one of {known}')
     gap = float(rng.uniform(8.0, 40.0))
 
-    def vehicle(number: int, route: str, lead: float, span: float) -> SimulatedSequence:
+    def vehicle(
+        number: int, route: str, lead: float, span: float, pace: float = 1.0
+    ) -> SimulatedSequence:
         return SimulatedSequence(
             seed,
             sensor=sensors[number],
-            span=span,
-            spacing=spacing,
+            span=span * pace,
+            spacing=spacing * pace,
             route=route,  # type: ignore[arg-type]
             lead=lead,
             world=world,
         )
 
     if manoeuvre == 'oncoming':
-        pair = vehicle(0, 'along', 0.0, 180.0), vehicle(1, 'oncoming', 0.0, 180.0)
+        along, against = world.traffic.lane_speed
+        pace = against / along
+        pair = vehicle(0, 'along', 0.0, 130.0), vehicle(1, 'oncoming', 0.0, 130.0, pace)
     elif manoeuvre == 'following':
         pair = vehicle(0, 'along', 0.0, 150.0), vehicle(1, 'along', gap, 150.0)
     else:

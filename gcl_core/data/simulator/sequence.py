@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import get_args
 
 import numpy as np
 from jaxtyping import Float
 
 from gcl_core.data.simulator.casting import Scene
-from gcl_core.data.simulator.drive import Drive, Route, course
+from gcl_core.data.simulator.drive import Drive, Route, course, route_number
 from gcl_core.data.simulator.returns import Conditions, draw_conditions
 from gcl_core.data.simulator.sensors import sensor_named
 from gcl_core.data.simulator.street import Street
@@ -74,7 +73,7 @@ class SimulatedSequence:
         self._travelled = np.arange(-span / 2, span / 2 + 1e-6, spacing)
         self._lead, self._moving = lead, moving
         # What is the vehicle's own differs between the vehicles of a world.
-        self._own = [seed, get_args(Route).index(self._route), round(lead * 10) % 10_000]
+        self._own = [seed, route_number(self._route), round(lead * 10) % 10_000]
         rng = np.random.default_rng([*self._own, 5])
         self.conditions = conditions or draw_conditions(self._sensor, rng)
         self.others: tuple[SimulatedSequence, ...] = ()  # in the same world, seen and avoided

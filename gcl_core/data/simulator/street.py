@@ -6,10 +6,10 @@ import numpy as np
 from jaxtyping import Float
 
 from gcl_core.data.simulator import furniture, vegetation, vehicles
-from gcl_core.data.simulator.buildings import house
+from gcl_core.data.simulator.buildings import house, silhouette
 from gcl_core.data.simulator.kinds import Kind, kind_of
 from gcl_core.data.simulator.lots import STYLES, Lot
-from gcl_core.data.simulator.primitives import Triangles
+from gcl_core.data.simulator.primitives import Triangles, cylinder
 from gcl_core.data.simulator.surfaces import NAMES, Soup, soup
 from gcl_core.data.simulator.terrain import REACH, Terrain
 
@@ -38,6 +38,7 @@ class Street:
         for side in (-1, 1):
             self._build_side(side, rng)
             self._line_kerb(side, rng, self.kind)
+            self._build_background(side, rng)
         self.soup = self._assemble(rng)
 
     def _put(
@@ -114,14 +115,14 @@ class Street:
     def _fill_corner(self, s: float, side: int, edge: float, rng: np.random.Generator) -> None:
         """Line a side street with houses that face it, and a few trees."""
         middle, half = min(self.terrain.crossings, key=lambda c: abs(c[0] - s))
-        built = 0.6 if self.terrain.sidewalk else 0.1
+        built = self.kind.side_streets
         for direction in (-1, 1):
             out = edge + rng.uniform(4, 14)
             while out < 75:
                 width = rng.uniform(8, 14)
                 offset = half + rng.uniform(3, 7) + width / 2
                 if rng.random() < built:
-                    part = house(rng.uniform(8, 14), width, rng.uniform(3, 9), rng)
+                    part = house(rng.uniform(8, 14), width, rng.uniform(*self.kind.storeys), rng)
                     # On either side of the road, the front turns to the side street.
                     yaw = -direction * side * np.pi / 2
                     self._put(part, 'facade', middle + direction * offset, side * out, yaw)
@@ -134,10 +135,26 @@ class Street:
                     self._put(vehicles.car(rng), 'paint', kerb, side * out, np.pi / 2)
                 out += rng.uniform(14, 22)
 
+    def _build_background(self, side: int, rng: np.random.Generator) -> None:
+        """Buildings and trees 45 to 85 m from the road, seen through gaps."""
+        s = -REACH
+        while s < REACH:
+            s += rng.uniform(12, 25)
+            lateral = side * rng.uniform(45, 85)
+            if bool(self.terrain.in_crossing(np.array(s), margin=8.0)):
+                continue
+            if rng.random() < self.kind.background:
+                width, height = rng.uniform(8, 14), rng.uniform(*self.kind.storeys) + 2.0
+                part = silhouette(rng.uniform(8, 20), width, height, rng)
+                self._put(part, 'facade', s, lateral, rng.normal() * 0.1)
+            else:
+                self._put(vegetation.tree(rng), 'leaf', s, lateral)
+
     def _line_kerb(self, side: int, rng: np.random.Generator, kind: Kind) -> None:
         """Parked cars, lamps, signs, street trees and clutter along the kerb."""
         w, parked = self.terrain.half_road, rng.uniform(0, kind.parked)
         trees = rng.uniform(0, kind.street_trees)
+        self._set_bollards(side, rng)
         s = -REACH
         while s < REACH:
             s += rng.uniform(5.5, 8.0)
@@ -156,6 +173,16 @@ class Street:
             if rng.random() < 0.2:
                 out = w + rng.uniform(0.4, max(1.0, self.terrain.sidewalk))
                 self._put(furniture.clutter(rng), 'metal', s + rng.normal(), side * out)
+
+    def _set_bollards(self, side: int, rng: np.random.Generator) -> None:
+        """Rows of posts along some stretches of the kerb."""
+        for _ in range(rng.poisson(2.0) if self.kind.people > 2 else 0):
+            start, pitch = rng.uniform(-REACH, REACH), rng.uniform(1.2, 4.0)
+            part = cylinder(rng.uniform(0.05, 0.15), rng.uniform(0.6, 1.2), sides=5)
+            for s in start + pitch * np.arange(rng.integers(4, 20)):
+                if not self.blocked(float(s), 2.0):
+                    lateral = side * (self.terrain.half_road + 0.35)
+                    self._put(part, 'metal', float(s), lateral)
 
 
 def move(

@@ -50,8 +50,10 @@ class Traffic:
     def __init__(self, street: Street, seed: int) -> None:
         self._terrain = street.terrain
         rng = np.random.default_rng([seed, 4])
-        low, high = (8.0, 20.0) if street.kind_name == 'rural' else (4.0, 14.0)
-        self.lane_speed = tuple(float(v) for v in rng.uniform(low, high, 2))
+        along = float(
+            rng.uniform(8.0, 18.0) if street.kind_name == 'rural' else rng.uniform(4, 13)
+        )
+        self.lane_speed = along, along * float(rng.uniform(0.7, 1.4))
         self._parts: list[Triangles] = []
         self._surface: list[int] = []
         self._rows: list[tuple[float, float, float, float]] = []  # s, lateral and their rates
