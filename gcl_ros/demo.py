@@ -19,15 +19,15 @@ from gcl_core.evaluation.plots import birds_eye
 from gcl_ros.bag import Encounter, pair_encounters, write_bag
 from gcl_ros.session import Row, through_node
 
-WORLD = 11  # seed of a street that training never sees
+WORLD, KIND = 11, 'mixed'  # a street that training never sees
 DISTANCES = (45, 40, 36, 32, 28, 24, 20, 16, 12, 8)  # metres
 PERIOD = 4.0  # seconds between pairs: two cores at work on everything at once
 
 
 def encounters() -> list[Encounter]:
     """Two vehicles approach each other and pass."""
-    target = SimulatedSequence(WORLD)
-    source = SimulatedSequence(WORLD, oncoming=True)
+    target = SimulatedSequence(WORLD, kind=KIND)
+    source = SimulatedSequence(WORLD, kind=KIND, oncoming=True)
     where = positions(source)
     at = len(target) // 2
     apart = np.linalg.norm(where - target.T_world_lidar(at)[:3, 3], axis=1)

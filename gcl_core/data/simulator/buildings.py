@@ -72,7 +72,7 @@ def _facade_parts(length: float, width: float, height: float, rng: np.random.Gen
         add(box(rng.uniform(2, 5), deep, 1.1), along(), front - deep / 2, rng.uniform(2.6, 3.2))
     if rng.random() < 0.35:
         side, wide = rng.choice([-1, 1]), rng.uniform(3.0, 6.0)
-        deep = rng.uniform(5.0, width)
+        deep = rng.uniform(0.6, 1.0) * width
         add(
             box(wide, deep, rng.uniform(2.4, 3.2)),
             side * (length + wide) / 2,
@@ -90,7 +90,13 @@ def _facade_parts(length: float, width: float, height: float, rng: np.random.Gen
 
 
 def house(
-    length: float, width: float, height: float, rng: np.random.Generator, *, flat: bool = False
+    length: float,
+    width: float,
+    height: float,
+    rng: np.random.Generator,
+    *,
+    flat: bool = False,
+    gable_along: bool | None = None,
 ) -> Triangles:
     """Detached house or block around the origin, front towards -y, ground at z = 0."""
     storeys = max(1, round(height / 3.0))
@@ -107,10 +113,36 @@ def house(
         parts.append(place(box(length + 0.3, width + 0.3, rng.uniform(0.3, 1.0)), z=height))
     else:
         rise = rng.uniform(0.25, 0.5) * min(length, width)
-        along_street = rng.random() < 0.6
+        along_street = rng.random() < 0.6 if gable_along is None else gable_along
         roof = gable_roof(length, width, rise) if along_street else gable_roof(width, length, rise)
         parts.append(place(roof, z=height, yaw=0.0 if along_street else np.pi / 2))
         if rng.random() < 0.6:
             x = rng.uniform(-0.3, 0.3) * length
             parts.append(place(box(0.6, 0.6, rise + 1.0), x=x, z=height))
     return np.concatenate(parts)
+
+
+def hall(length: float, width: float, height: float, rng: np.random.Generator) -> Triangles:
+    """Factory, warehouse or supermarket: bare ribbed walls, gates, a flat or low roof."""
+    parts = [box(length, width, height)]
+    for x in np.arange(-length / 2, length / 2, rng.uniform(3.0, 8.0)):
+        parts.append(place(box(0.3, width + 0.4, height), x=float(x)))
+    for _ in range(rng.integers(1, 4)):
+        gate = box(rng.uniform(3, 5), rng.uniform(0.5, 3.0), rng.uniform(0.3, 1.2))
+        parts.append(place(gate, x=rng.uniform(-0.4, 0.4) * length, y=-width / 2))
+    if rng.random() < 0.5:
+        parts.append(place(gable_roof(length, width, rng.uniform(0.08, 0.2) * width), z=height))
+    else:
+        for _ in range(rng.integers(0, 4)):
+            x, y = rng.uniform(-0.4, 0.4, 2)
+            vent = box(*rng.uniform(1.0, 3.0, 3))
+            parts.append(place(vent, x=x * length, y=y * width, z=height))
+    return np.concatenate(parts)
+
+
+def silhouette(length: float, width: float, height: float, rng: np.random.Generator) -> Triangles:
+    """Distant building: bare walls, a roof."""
+    if rng.random() < 0.4:
+        return box(length, width, height)
+    roof = gable_roof(length, width, rng.uniform(0.25, 0.5) * min(length, width))
+    return np.concatenate([box(length, width, height), place(roof, z=height)])

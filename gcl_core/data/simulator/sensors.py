@@ -1,28 +1,28 @@
-"""Spinning LiDARs: beam tables, range noise, and which returns come back."""
+"""LiDARs: where their beams point, how far they reach and how well they measure."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-import open3d as o3d
-from jaxtyping import Float
 
-from gcl_core.data.simulator.primitives import Triangles
 from gcl_core.errors import GclError
-from gcl_core.types import PointCloud
 
 
 @dataclass(frozen=True)
 class Sensor:
-    """A spinning LiDAR.
+    """A LiDAR that sweeps from one end of its field of view to the other.
 
     Attributes:
         elevation_deg: angle of each beam above the horizon.
-        columns: firings per turn.
+        columns: firings in a sweep.
         max_range: metres.
-        range_noise: standard deviation, metres.
-        weak_return: strength below which a return is lost, see `Scene.cast`.
+        range_noise: standard deviation near a surface hit head-on, metres.
+        weak_return: strength below which a return is lost, see `returns.py`.
+        field_deg: horizontal field of view around the front.
+        period: seconds for a sweep.
+        row_shift: the beams move up or down by up to this share of their spacing from one scan
+            to the next: a pattern that does not repeat.
     """
 
     elevation_deg: tuple[float, ...]
@@ -30,17 +30,38 @@ class Sensor:
     max_range: float
     range_noise: float
     weak_return: float
+    field_deg: float = 360.0
+    period: float = 0.1
+    row_shift: float = 0.0
 
 
 def _beams(first: float, last: float, count: int) -> tuple[float, ...]:
     return tuple(np.linspace(first, last, count).tolist())
 
 
+# Dense in the middle, sparse outside, like Hesai's Pandar128; angles approximate.
+_PANDAR = (
+    (-25.0, -20.0, -16.6, -13.9, -11.8, -10.3, -9.3, -8.4, -7.8, -7.2)
+    + _beams(-6.8, 4.95, 95)
+    + (5.2, 5.4, 5.7, 5.9, 6.1, 6.3, 6.6, 7.0, 7.5, 8.0, 8.6, 9.1, 9.7, 10.3)
+    + (10.9, 11.5, 12.2, 12.8, 13.4, 13.9, 14.3, 14.7, 15.0)
+)
+
 SENSORS = {
     # Velodyne HDL-64E S2 manual: 32 upper beams 1/3 degree apart, 32 lower ones 1/2 degree apart.
-    'hdl64e': Sensor(_beams(2.0, -8.33, 32) + _beams(-8.83, -24.33, 32), 2000, 80.0, 0.02, 0.05),
-    # Velodyne HDL-32E manual: 1.33 degrees apart.
-    'hdl32e': Sensor(_beams(10.67, -30.67, 32), 1084, 70.0, 0.02, 0.08),
+    'hdl64e': Sensor(_beams(2.0, -8.33, 32) + _beams(-8.83, -24.33, 32), 2083, 80.0, 0.02, 0.03),
+    # Velodyne HDL-32E manual: 1.33 degrees apart; 2,170 firings at 10 Hz, 1,084 at 20 Hz.
+    'hdl32e': Sensor(_beams(10.67, -30.67, 32), 2170, 90.0, 0.02, 0.08),
+    'hdl32e_20hz': Sensor(_beams(10.67, -30.67, 32), 1084, 90.0, 0.02, 0.08, period=0.05),
+    # Velodyne VLP-16 manual: 2 degrees apart, 0.2 degrees between firings at 10 Hz.
+    'vlp16': Sensor(_beams(15.0, -15.0, 16), 1800, 90.0, 0.02, 0.08),
+    'pandar128': Sensor(_PANDAR, 1800, 120.0, 0.02, 0.03),
+    # Ouster OS1-128 data sheet: 45 degrees vertically, 1,024 columns.
+    'os1_128': Sensor(_beams(22.5, -22.5, 128), 1024, 100.0, 0.02, 0.05),
+    # A solid-state LiDAR's field of view of 120 x 25 degrees, rows that shift between scans.
+    'solid120': Sensor(
+        _beams(12.5, -12.5, 100), 600, 120.0, 0.03, 0.03, field_deg=120.0, row_shift=1.0
+    ),
 }
 
 
@@ -53,55 +74,3 @@ def sensor_named(name: str) -> Sensor:
     if name not in SENSORS:
         raise GclError(f'unknown sensor {name!r}; choose one of {", ".join(SENSORS)}')
     return SENSORS[name]
-
-
-class Scene:
-    """Triangles that beams can be cast at."""
-
-    def __init__(self, triangles: Triangles) -> None:
-        self._scene = o3d.t.geometry.RaycastingScene()
-        vertices = np.ascontiguousarray(triangles.reshape(-1, 3), dtype=np.float32)
-        faces = np.arange(len(vertices), dtype=np.uint32).reshape(-1, 3)
-        self._scene.add_triangles(o3d.core.Tensor(vertices), o3d.core.Tensor(faces))
-
-    def cast(
-        self, rays: Float[np.ndarray, 'n 6']
-    ) -> tuple[Float[np.ndarray, ' n'], Float[np.ndarray, ' n']]:
-        """Return distance (inf where nothing is hit) and cosine of the angle of incidence."""
-        hit = self._scene.cast_rays(o3d.core.Tensor(rays))
-        normals = hit['primitive_normals'].numpy()
-        cosine = np.abs((normals * rays[:, 3:]).sum(1))
-        return hit['t_hit'].numpy(), cosine
-
-
-def scan(
-    sensor: Sensor,
-    scenes: list[Scene],
-    T_world_lidar: Float[np.ndarray, '4 4'],
-    rng: np.random.Generator,
-) -> PointCloud:
-    """Turn the sensor once and return the points it gets, in its own frame.
-
-    A return's strength is reflectance x cosine of incidence x (max_range / range)^2, with a
-    random reflectance; below `weak_return` it is lost. 3 % are lost at random.
-    """
-    elevation = (
-        np.deg2rad(sensor.elevation_deg) + rng.normal(size=len(sensor.elevation_deg)) * 3e-4
-    )
-    azimuth = np.linspace(0, 2 * np.pi, sensor.columns, endpoint=False) + rng.uniform(0, 2e-3)
-    E, A = np.meshgrid(elevation, azimuth, indexing='ij')
-    beam = np.stack([np.cos(E) * np.cos(A), np.cos(E) * np.sin(A), np.sin(E)], -1).reshape(-1, 3)
-    rays = np.empty((len(beam), 6), dtype=np.float32)
-    rays[:, :3] = T_world_lidar[:3, 3]
-    rays[:, 3:] = beam @ T_world_lidar[:3, :3].T
-    distance, cosine = scenes[0].cast(rays)
-    for scene in scenes[1:]:
-        nearer, nearer_cosine = scene.cast(rays)
-        cosine = np.where(nearer < distance, nearer_cosine, cosine)
-        distance = np.minimum(distance, nearer)
-    reflectance = rng.lognormal(-1.0, 0.8, len(beam))
-    strength = reflectance * cosine * (sensor.max_range / np.maximum(distance, 1.0)) ** 2
-    seen = (distance > 1.5) & (distance < sensor.max_range) & (strength > sensor.weak_return)
-    seen &= rng.random(len(beam)) > 0.03
-    measured = distance[seen] + rng.normal(size=int(seen.sum())) * sensor.range_noise
-    return PointCloud((beam[seen] * measured[:, None]).astype(np.float32))

@@ -7,12 +7,29 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 
-from gcl_core import se3
-from gcl_core.data.simulator.sensors import Scene, scan, sensor_named
+from gcl_core.data.simulator.casting import Scene
+from gcl_core.data.simulator.drive import Drive, Route, course, route_number
+from gcl_core.data.simulator.returns import Conditions, draw_conditions
+from gcl_core.data.simulator.sensors import sensor_named
 from gcl_core.data.simulator.street import Street
+from gcl_core.data.simulator.sweep import sweep
+from gcl_core.data.simulator.traffic import Moment, Traffic, body, joined
 from gcl_core.types import PointCloud
 
-SENSOR_HEIGHT = 1.73  # metres, KITTI's car
+
+class World:
+    """A street, its traffic and what beams are cast at, shared by the vehicles in it.
+
+    Args:
+        seed: everything follows from it.
+        kind: a name from `kinds.KINDS`; drawn from the seed when None.
+    """
+
+    def __init__(self, seed: int, kind: str | None = None) -> None:
+        self.seed = seed
+        self.street = Street(seed, kind)
+        self.scene = Scene(self.street.soup)
+        self.traffic = Traffic(self.street, seed)
 
 
 class SimulatedSequence:
@@ -21,10 +38,17 @@ class SimulatedSequence:
     Args:
         seed: of the world and of every scan in it.
         sensor: a name from `gcl_core.data.simulator.sensors.SENSORS`.
-        span: metres driven, centred on the middle of the street.
+        span: metres driven, centred on the middle of the route.
         spacing: metres between scans.
-        oncoming: drive the other way on the other lane. The same seed gives the same world, so
-            that two vehicles can meet in it.
+        oncoming: short for `route='oncoming'`. The same seed gives the same world and the same
+            clock, so that two vehicles can meet in it.
+        route: where in the street to drive.
+        lead: metres to start ahead of the middle.
+        kind: kind of place, from `kinds.KINDS`; drawn from the seed when None.
+        world: a world to share instead of building one; `seed` and `kind` then have no effect
+            on it.
+        moving: whether anything moves but the vehicle itself.
+        conditions: noise, losses, de-skewing; drawn from the seed when None.
     """
 
     def __init__(
@@ -35,57 +59,81 @@ class SimulatedSequence:
         span: float = 180.0,
         spacing: float = 1.0,
         oncoming: bool = False,
+        route: Route = 'along',
+        lead: float = 0.0,
+        kind: str | None = None,
+        world: World | None = None,
+        moving: bool = True,
+        conditions: Conditions | None = None,
     ) -> None:
         self.name = f'sim/{seed}'
-        self._seed = seed
+        self._seed, self._kind, self._world = seed, kind, world
         self._sensor = sensor_named(sensor)
-        self._oncoming = oncoming
-        self._s = np.arange(-span / 2, span / 2 + 1e-6, spacing)
-        if oncoming:
-            self._s = self._s[::-1]
-        rng = np.random.default_rng([seed, 1, int(oncoming)])
-        self._height = SENSOR_HEIGHT + rng.uniform(-0.15, 0.25)
-        self._sway = rng.uniform(0.2, 1.0), rng.uniform(40, 120), rng.uniform(0, 2 * np.pi)
+        self._route: Route = 'oncoming' if oncoming else route
+        self._travelled = np.arange(-span / 2, span / 2 + 1e-6, spacing)
+        self._lead, self._moving = lead, moving
+        # What is the vehicle's own differs between the vehicles of a world.
+        self._own = [seed, route_number(self._route), round(lead * 10) % 10_000]
+        rng = np.random.default_rng([*self._own, 5])
+        self.conditions = conditions or draw_conditions(self._sensor, rng)
+        self.others: tuple[SimulatedSequence, ...] = ()  # in the same world, seen and avoided
 
     def __len__(self) -> int:
-        return len(self._s)
+        return len(self._travelled)
 
     @cached_property
-    def street(self) -> Street:
+    def world(self) -> World:
         """The world, built when first needed."""
-        return Street(self._seed)
+        return self._world or World(self._seed, self._kind)
 
     @cached_property
-    def _static(self) -> Scene:
-        return Scene(self.street.triangles)
+    def _drive(self) -> Drive:
+        terrain = self.world.street.terrain
+        where = course(self._route, terrain, self._travelled + self._lead)
+        return Drive(terrain, where, self._times, np.random.default_rng([*self._own, 1]))
+
+    @cached_property
+    def _times(self) -> Float[np.ndarray, ' n']:
+        """Seconds of the world's clock; 0 in the middle of the drive."""
+        along, against = self.world.traffic.lane_speed
+        return self._travelled / (against if self._route == 'oncoming' else along)
+
+    def stamp(self, index: int) -> float:
+        """Seconds since the first scan."""
+        return float(self._times[index] - self._times[0])
 
     def T_world_lidar(self, index: int) -> Float[np.ndarray, '4 4']:
-        """Pose on the right-hand lane, following the road with a little sway and pitch."""
-        terrain, s = self.street.terrain, float(self._s[index])
-        direction = -1.0 if self._oncoming else 1.0
-        amplitude, period, phase = self._sway
-        wave = 2 * np.pi * s / period + phase
-        lateral = -direction * 0.4 * terrain.half_road + amplitude * np.sin(wave)
-        ahead = np.array([s + direction, s - direction])
-        front, rear = terrain.height(ahead, np.array([lateral, lateral]))
-        rng = np.random.default_rng([self._seed, 2, index])
-        x, y = terrain.xy(np.array(s), np.array(lateral))
-        ground = float(terrain.height(np.array(s), np.array(lateral)))
-        sway = direction * np.arctan(amplitude * np.cos(wave) * 2 * np.pi / period)
-        return se3.from_xyz_rpy(
-            x=float(x),
-            y=float(y),
-            z=ground + self._height,
-            roll=rng.normal() * 0.006,
-            pitch=-np.arctan2(front - rear, 2.0) + rng.normal() * 0.006,
-            yaw=terrain.heading(s) + (np.pi if self._oncoming else 0.0) + float(sway),
-        )
+        """Pose in the middle of a scan: on the right-hand lane, with sway, roll and pitch."""
+        return np.asarray(self._drive.poses[index])
+
+    def _ground(self, time: float) -> tuple[Float[np.ndarray, '3'], float, float]:
+        """Place on the ground, heading and speed at a time of the world's clock."""
+        drive, times = self._drive, self._times
+        xyz = [np.interp(time, times, drive.ground[:, axis]) for axis in range(3)]
+        nearest = int(np.abs(times - time).argmin())
+        yaw = float(np.interp(time, times, drive.ground[:, 3]))
+        return np.array(xyz), yaw, float(drive.twist[nearest, 0])
+
+    def _moment(self, index: int) -> Moment:
+        """Traffic, and the other vehicles of this world, in the middle of a scan."""
+        time = float(self._times[index])
+        places = [other._ground(time) for other in (self, *self.others)]
+        crossing = any(v._route in ('across', 'turning') for v in (self, *self.others))
+        clear = np.array([xyz for xyz, _, _ in places])
+        moments = [self.world.traffic.at(time, clear, crossing=crossing)]
+        for other, (xyz, yaw, speed) in zip(self.others, places[1:], strict=True):
+            moments.append(body(np.random.default_rng([*other._own, 6]), xyz, yaw, speed))
+        return joined(moments)
 
     def scan(self, index: int) -> PointCloud:
-        """Cast one turn of the sensor, with that moment's traffic."""
-        rng = np.random.default_rng([self._seed, 3, index, int(self._oncoming)])
-        scenes = [self._static]
-        traffic = self.street.traffic(rng, float(self._s[index]))
-        if len(traffic):
-            scenes.append(Scene(traffic))
-        return scan(self._sensor, scenes, self.T_world_lidar(index), rng)
+        """Cast one sweep, with that moment's traffic."""
+        rng = np.random.default_rng([*self._own, 3, index % len(self)])
+        return sweep(
+            self._sensor,
+            self.world.scene,
+            self._moment(index) if self._moving else None,
+            self._drive.poses[index],
+            self._drive.twist[index],
+            self.conditions,
+            rng,
+        )

@@ -21,7 +21,7 @@ def tree(rng: np.random.Generator) -> Triangles:
     """Deciduous or conical tree, 3 to 14 m, trunk at the origin."""
     height = rng.uniform(3.5, 14.0)
     trunk = cylinder(rng.uniform(0.08, 0.35), 0.6 * height, sides=7, top_radius=0.06)
-    count = int(rng.uniform(25, 60) * height)
+    count = int(rng.uniform(35, 110) * height)
     if rng.random() < 0.25:
         level = rng.random(count) ** 1.5
         reach = (1.0 - level) * rng.uniform(0.15, 0.25) * height
@@ -31,22 +31,22 @@ def tree(rng: np.random.Generator) -> Triangles:
         centres = np.stack([reach * np.cos(angle), reach * np.sin(angle), z], 1)
     else:
         crown_base = rng.uniform(0.2, 0.45) * height
-        spread, clumps = rng.uniform(0.15, 0.3) * height, rng.integers(3, 8)
+        spread, clumps = rng.uniform(0.15, 0.3) * height, rng.integers(4, 10)
         parts = []
         for _ in range(clumps):
-            radii = rng.uniform(0.3, 0.7, 3) * np.array([spread, spread, 0.3 * height])
+            radii = rng.uniform(0.3, 0.9, 3) * np.array([spread, spread, 0.3 * height])
             offset = rng.normal(size=2) * 0.5 * spread
             z = rng.uniform(crown_base + radii[2], max(height - radii[2], crown_base + radii[2]))
             parts.append(_blob(count // clumps, radii, rng) + [offset[0], offset[1], z])
         centres = np.concatenate(parts)
-    return np.concatenate([trunk, leaves(centres, rng.uniform(0.15, 0.32), rng)])
+    return np.concatenate([trunk, leaves(centres, rng.uniform(0.13, 0.28), rng)])
 
 
 def bush(rng: np.random.Generator) -> Triangles:
     """Shrub of 0.5 to 2.5 m."""
     radii = rng.uniform([0.4, 0.4, 0.3], [1.5, 1.5, 1.3])
-    centres = _blob(int(rng.uniform(40, 120)), radii, rng) + [0, 0, radii[2] * 0.8]
-    return leaves(centres, rng.uniform(0.12, 0.25), rng)
+    centres = _blob(int(rng.uniform(60, 250)), radii, rng) + [0, 0, radii[2] * 0.8]
+    return leaves(centres, rng.uniform(0.1, 0.22), rng)
 
 
 def hedge(length: float, rng: np.random.Generator) -> Triangles:
