@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
+from scipy.spatial.distance import cdist
 
 from gcl_core import se3
 from gcl_core.data.sequence import Sequence, positions
@@ -44,7 +45,7 @@ def draw_pairs(
     Pairs of one drive are correlated, so that intervals on them are too narrow.
     """
     where = positions(sequence)
-    distance = np.linalg.norm(where[:, None] - where[None], axis=2)
+    distance = cdist(where, where)
     rng = np.random.default_rng(seed)
     pairs = []
     for low, high in bins:
