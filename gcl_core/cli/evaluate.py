@@ -11,8 +11,9 @@ from typing import Any
 
 from tqdm import tqdm
 
-from gcl_core.cli.source import add_layout, open_all
+from gcl_core.cli.source import add_layout
 from gcl_core.config import load_config
+from gcl_core.data.formats import open_sequences
 from gcl_core.data.pair_list import PairList, read_pair_list
 from gcl_core.data.pair_sets import random_set
 from gcl_core.data.sequence import Sequence
@@ -98,7 +99,7 @@ def _pairs(options: argparse.Namespace) -> tuple[PairList, dict[str, Sequence]]:
             raise GclError(f'{options.pairs} lists no pair of {", ".join(names)}')
     sequences: dict[str, Sequence]
     if options.data:
-        sequences = open_all(options.data, names, options.format)
+        sequences = open_sequences(options.data, names, layout=options.format)
     else:
         sequences = {str(options.simulated): SimulatedSequence(options.simulated)}
     if not options.pairs:

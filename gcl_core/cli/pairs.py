@@ -8,8 +8,9 @@ from typing import Any
 
 from tqdm import tqdm
 
-from gcl_core.cli.source import add_layout, open_all
+from gcl_core.cli.source import add_layout
 from gcl_core.data import pair_sets
+from gcl_core.data.formats import open_sequences
 from gcl_core.data.pair_list import PairList, write_pair_list
 from gcl_core.data.sequence import Sequence
 from gcl_core.errors import GclError
@@ -44,7 +45,7 @@ def run(options: argparse.Namespace) -> int:
     """Draw and write."""
     if options.random is not None and options.random < 1:
         raise GclError(f'--random is {options.random}; it must be at least 1')
-    pairs = _draw(options, open_all(options.data, options.sequence, options.format))
+    pairs = _draw(options, open_sequences(options.data, options.sequence, layout=options.format))
     if not pairs.pairs:
         raise GclError(f'{pairs.name}: {options.data} has no such pair')
     write_pair_list(options.list, pairs)

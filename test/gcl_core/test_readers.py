@@ -10,7 +10,7 @@ from gcl_core import se3
 from gcl_core.data.clouds import write_cloud
 from gcl_core.data.eth import EthSequence
 from gcl_core.data.folder import FolderSequence
-from gcl_core.data.formats import open_sequence
+from gcl_core.data.formats import open_sequence, open_sequences
 from gcl_core.data.kitti import KittiSequence
 from gcl_core.data.nuscenes import read_logs
 from gcl_core.data.poses import read_poses
@@ -231,6 +231,7 @@ def test_broken_nuscenes_files_are_named(nuscenes, tmp_path_factory):
     shutil.copytree(nuscenes / 'v1.0-mini', nuscenes / 'v1.0-trainval')
     with pytest.raises(GclError, match=r'versions v1\.0-mini, v1\.0-trainval; choose one'):
         read_logs(nuscenes)
+    assert len(open_sequence(nuscenes / 'v1.0-mini')) == 3
     with pytest.raises(GclError, match=r'no .*v1\.0-\*/sample_data'):
         read_logs(tmp_path_factory.mktemp('empty'))
 
@@ -329,6 +330,20 @@ def test_broken_folders_are_named(tmp_path):
 
 
 # All of them
+
+
+def test_several_are_opened_by_name(kitti, eth):
+    shutil.copytree(kitti / 'sequences/08', kitti / 'sequences/09')
+    opened = open_sequences(kitti, ['08', '09-suma'])
+    assert {name: s.name for name, s in opened.items()} == {
+        '08': 'kitti/08',
+        '09-suma': 'kitti/09-suma',
+    }
+    assert list(open_sequences(eth)) == ['wood_autmn']
+    shutil.copytree(eth, eth.parent / 'gazebo_summer')
+    assert len(open_sequences(eth.parent, ['gazebo_summer', 'wood_autmn'], layout='eth')) == 2
+    with pytest.raises(GclError, match="ETH scene 'stairs' is not there; there are gazebo_summer"):
+        open_sequence(eth.parent, 'stairs', layout='eth')
 
 
 def test_layout_can_be_told(folder):
