@@ -94,8 +94,10 @@ def detect(path: Path) -> str:
 def _open_kitti(path: Path, names: Names) -> list[Sequence]:
     """Open by the root and the digits, or by the folder of one sequence."""
     if (path / 'velodyne').is_dir():
-        root, found = path.resolve().parents[1], [path.resolve().name]
-        return [KittiSequence(root, found[0]) for _ in names]
+        folder = path.resolve()
+        own = [folder.name, f'{folder.name}-suma']
+        wanted = [name if name in own else _only(path, folder.name, name) for name in names]
+        return _open_kitti(folder.parents[1], wanted)
     found = sorted(folder.name for folder in (path / 'sequences').glob('*') if folder.is_dir())
     opened: list[Sequence] = []
     for name in names:
@@ -115,21 +117,27 @@ def _open_nuscenes(path: Path, names: Names) -> list[Sequence]:
 def _open_eth(path: Path, names: Names) -> list[Sequence]:
     """Open by the root and the scene, or by the folder of one scene."""
     if (path / 'gt.log').is_file() or not any(path.glob('*/gt.log')):
-        return [EthSequence(path) for _ in names]
+        return [EthSequence(path) for name in names if _only(path, path.resolve().name, name)]
     scenes = sorted(log.parent.name for log in path.glob('*/gt.log'))
     return [EthSequence(path / _one_of(scenes, name, f'{path}: ETH scene')) for name in names]
 
 
 def _open_rosbag2(path: Path, names: Names) -> list[Sequence]:
-    """Open a bag; a name that is no topic is the list's name for the only one."""
+    """Open a bag by its own name, or by a topic of it."""
     from gcl_ros.bag_sequence import BagSequence
 
-    topics = [name if name and name.startswith('/') else None for name in names]
+    own = (path.parent if path.is_file() else path).resolve().name
+    topics = [n if n and n.startswith('/') else _only(path, own, n) and None for n in names]
     return [BagSequence(path, topic=topic) for topic in topics]
 
 
 def _open_folder(path: Path, names: Names) -> list[Sequence]:
-    return [FolderSequence(path) for _ in names]
+    return [FolderSequence(path) for name in names if _only(path, path.resolve().name, name)]
+
+
+def _only(path: Path, own: str, wanted: str | None) -> str:
+    """The name of what is there, which a list made for another drive does not ask for."""
+    return _one_of([own], wanted, f'{path}: sequence')
 
 
 OPENERS: dict[str, Callable[[Path, Names], list[Sequence]]] = {

@@ -332,6 +332,15 @@ def test_broken_folders_are_named(tmp_path):
 # All of them
 
 
+def test_a_single_drive_is_not_taken_for_another(folder, kitti, eth):
+    for path, own in ((folder, folder.name), (kitti / 'sequences/08', '08'), (eth, eth.name)):
+        layout = 'folder' if path == folder else None
+        assert open_sequence(path, own, layout=layout).name.endswith(own)
+        with pytest.raises(GclError, match=f"'other' is not there; there are {own}"):
+            open_sequence(path, 'other', layout=layout)
+    assert open_sequence(kitti / 'sequences/08', '08-suma').name == 'kitti/08-suma'
+
+
 def test_several_are_opened_by_name(kitti, eth):
     shutil.copytree(kitti / 'sequences/08', kitti / 'sequences/09')
     opened = open_sequences(kitti, ['08', '09-suma'])

@@ -179,6 +179,8 @@ def test_missing_and_ambiguous_topics_are_named(tmp_path, scans):
     with pytest.raises(GclError, match='needs one topic of clouds, name it; it has /a, /b'):
         open_sequence(both)
     assert len(open_sequence(both, '/b')) == 3
+    with pytest.raises(GclError, match="'other' is not there; there are both"):
+        open_sequence(both, 'other')
     with pytest.raises(GclError, match='has no topic of clouds /c; it has /a, /b'):
         open_sequence(both, '/c')
     with pytest.raises(GclError, match='it has none of sensor_msgs'):
