@@ -48,6 +48,7 @@ setup(
         'ros': [f'ros-kilted-{package}' for package in ROS_PACKAGES],
         'test': [
             'pytest>=7',
+            'hypothesis>=6',
             'setuptools<80',  # the last that colcon's ament_python build works with
             'colcon-core',
             'colcon-ros',

@@ -28,6 +28,15 @@ def real_root() -> Path:
     return REAL
 
 
+@pytest.fixture(scope='session')
+def kitti_poses_root() -> Path:
+    """KITTI odometry's poses without scans; skips where they are absent."""
+    root = REAL.parent / 'kitti_odometry'
+    if not (root / 'poses/08.txt').is_file():
+        pytest.skip(f'no KITTI poses at {root}; they are looked for beside GCL_REAL_DATA')
+    return root
+
+
 @pytest.fixture
 def tiny_network() -> ResUNet:
     """Untrained network of a few thousand weights."""

@@ -1,4 +1,4 @@
-"""`gcl bag`: bags of two vehicles from KITTI or from the simulator."""
+"""`gcl bag`: bags of two vehicles from recorded drives or from the simulator."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from gcl_core.data.kitti import KittiSequence
+from gcl_core.cli.source import add_layout
+from gcl_core.data.formats import open_sequence
 from gcl_core.data.pairs import draw_pairs
 from gcl_core.data.sequence import Sequence
 from gcl_core.data.simulator.sequence import SimulatedSequence
@@ -21,13 +22,19 @@ def add_parser(commands: Any) -> None:
         description='Write /target/points, /source/points and /truth/transform as a rosbag2.',
         epilog='Example: gcl bag from-kitti DIR 08 out_bag --distance 30',
     )
-    kinds = parser.add_subparsers(dest='kind', required=True, metavar='from-kitti|from-simulator')
+    kinds = parser.add_subparsers(
+        dest='kind', required=True, metavar='from-kitti|from-data|from-simulator'
+    )
     kitti = kinds.add_parser('from-kitti', help='from a KITTI odometry sequence')
     kitti.add_argument('root', type=Path, help='folder with sequences/ and poses/')
     kitti.add_argument('sequence', help='two digits')
+    data = kinds.add_parser('from-data', help='from nuScenes, ETH, a bag, a folder of clouds')
+    data.add_argument('root', type=Path, help='data set, bag, or folder')
+    data.add_argument('--sequence', help='log, scene, topic, …; default: the only one')
+    add_layout(data)
     simulator = kinds.add_parser('from-simulator', help='from a simulated street')
     simulator.add_argument('world', type=int, help='seed of the street')
-    for kind in (kitti, simulator):
+    for kind in (kitti, data, simulator):
         kind.add_argument('bag', type=Path, help='folder to write')
         what = kind.add_mutually_exclusive_group(required=True)
         what.add_argument('--distance', type=float, help='the source drives this far ahead, m')
@@ -46,11 +53,12 @@ def run(options: argparse.Namespace) -> int:
 
     if options.every < 1 or options.period <= 0:
         raise GclError('--every must be at least 1 and --period positive')
-    sequence: Sequence = (
-        KittiSequence(options.root, options.sequence)
-        if options.kind == 'from-kitti'
-        else SimulatedSequence(options.world)
-    )
+    sequence: Sequence
+    if options.kind == 'from-simulator':
+        sequence = SimulatedSequence(options.world)
+    else:
+        layout = 'kitti' if options.kind == 'from-kitti' else options.format
+        sequence = open_sequence(options.root, options.sequence, layout=layout)
     if options.distance is not None:
         pairs = following(sequence, options.distance)
     else:

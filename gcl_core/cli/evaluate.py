@@ -1,19 +1,21 @@
-"""`gcl evaluate`: recall by distance on a KITTI-layout or simulated sequence."""
+"""`gcl evaluate`: recall by distance, on a pair list or on random pairs of a sequence."""
 
 from __future__ import annotations
 
 import argparse
 import json
 import platform
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 from tqdm import tqdm
 
+from gcl_core.cli.source import add_layout
 from gcl_core.config import load_config
-from gcl_core.data.kitti import KittiSequence
-from gcl_core.data.pairs import draw_pairs
+from gcl_core.data.formats import open_sequences
+from gcl_core.data.pair_list import PairList, read_pair_list
+from gcl_core.data.pair_sets import random_set
 from gcl_core.data.sequence import Sequence
 from gcl_core.data.simulator.sequence import SimulatedSequence
 from gcl_core.errors import GclError
@@ -31,13 +33,15 @@ def add_parser(commands: Any) -> None:
     parser: argparse.ArgumentParser = commands.add_parser(
         'evaluate',
         help='measure recall by distance',
-        description='Register random pairs of a sequence, with peers on the same pairs.',
+        description='Register listed or random pairs, with peers on the same pairs.',
         epilog='Example: gcl evaluate --kitti DIR --sequence 08 --peers fpfh --random-yaw',
     )
     source = parser.add_mutually_exclusive_group(required=True)
-    source.add_argument('--kitti', type=Path, help='folder with sequences/ and poses/')
+    source.add_argument('--data', '--kitti', type=Path, help='data set, bag, or folder of clouds')
     source.add_argument('--simulated', type=int, metavar='SEED', help='a simulated street')
-    parser.add_argument('--sequence', default='00', help='sequence in the KITTI folder')
+    parser.add_argument('--sequence', help='KITTI digits, nuScenes log, …; default: the only one')
+    add_layout(parser)
+    parser.add_argument('--pairs', type=Path, help='list of pairs, as `gcl pairs` writes it')
     parser.add_argument('--config', type=Path, help='YAML of RegistrarConfig')
     parser.add_argument('--per-bin', type=int, default=16, help='pairs in each distance bin')
     parser.add_argument('--seed', type=int, default=0, help='of the pairs and of the headings')
@@ -51,11 +55,7 @@ def run(options: argparse.Namespace) -> int:
     """Predict, score, print a table."""
     if options.per_bin < 1:
         raise GclError(f'--per-bin is {options.per_bin}; it must be at least 1')
-    sequence: Sequence = (
-        KittiSequence(options.kitti, options.sequence)
-        if options.kitti
-        else SimulatedSequence(options.simulated)
-    )
+    pairs, sequences = _pairs(options)
     config = load_config(RegistrarConfig, options.config) if options.config else RegistrarConfig()
     registrar = Registrar(config)
 
@@ -64,18 +64,21 @@ def run(options: argparse.Namespace) -> int:
 
     methods: dict[str, Method] = {'GCL-ROS': ours}
     methods.update({name: PEERS[name] for name in options.peers})
-    pairs = draw_pairs(sequence, per_bin=options.per_bin, seed=options.seed)
-    if not pairs:
-        raise GclError(f'{sequence.name} has no two scans 5 to 50 m apart')
     yaw_seed = options.seed if options.random_yaw else None
-    steps = predict(methods, sequence, tqdm(pairs, unit='pair'), random_yaw_seed=yaw_seed)
-    predictions = list(steps)
+    predictions = []
+    with tqdm(total=len(pairs.pairs), unit='pair') as bar:
+        for name, sequence in sequences.items():
+            own = pairs.of(name, sequence)
+            for prediction in predict(methods, sequence, own, random_yaw_seed=yaw_seed):
+                predictions.append(prediction)
+                bar.update(1 / len(methods))
     rows = score(predictions)
-    print(f'{sequence.name}, source turned {"at random" if options.random_yaw else "not"}')
+    print(f'{pairs.label}, source turned {"at random" if options.random_yaw else "not"}')
     print(markdown(rows))
     if options.out:
         content = {
-            'sequence': sequence.name,
+            'sequences': [sequence.name for sequence in sequences.values()],
+            'pairs': {'name': pairs.name, 'count': len(pairs.pairs), 'sha256': pairs.sha256},
             'config': asdict(config),
             'machine': platform.processor() or platform.machine(),
             'rows': [asdict(row) for row in rows],
@@ -83,3 +86,25 @@ def run(options: argparse.Namespace) -> int:
         }
         options.out.write_text(json.dumps(content, default=lambda a: a.tolist()) + '\n')
     return 0
+
+
+def _pairs(options: argparse.Namespace) -> tuple[PairList, dict[str, Sequence]]:
+    """The list, read or drawn, and its sequences by the list's names."""
+    names = [options.sequence] if options.sequence else None
+    if options.pairs:
+        pairs = read_pair_list(options.pairs)
+        names = names or list(pairs.sequences)
+        pairs = replace(pairs, pairs=tuple(p for p in pairs.pairs if p.sequence in names))
+        if not pairs.pairs:
+            raise GclError(f'{options.pairs} lists no pair of {", ".join(names)}')
+    sequences: dict[str, Sequence]
+    if options.data:
+        sequences = open_sequences(options.data, names, layout=options.format)
+    else:
+        sequences = {str(options.simulated): SimulatedSequence(options.simulated)}
+    if not options.pairs:
+        pairs = random_set(sequences, per_bin=options.per_bin, seed=options.seed)
+        if not pairs.pairs:
+            names = [sequence.name for sequence in sequences.values()]
+            raise GclError(f'{", ".join(names)}: no two scans 5 to 50 m apart')
+    return pairs, sequences

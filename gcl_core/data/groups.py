@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int64
 from scipy.spatial import cKDTree
 
 from gcl_core import se3
@@ -18,24 +18,34 @@ from gcl_core.types import PositiveGroups
 REACH = 60.0  # metres; the paper's [-60 m, 60 m]
 
 
+def segments(
+    positions: Float[np.ndarray, 'n 3'], centre: int, phi: int, *, window: int | None = None
+) -> list[Int64[np.ndarray, ' k']]:
+    """Scans in each of `phi` equal segments of [-60 m, 60 m] around a centre scan.
+
+    The signed coordinate is the straight distance, negative for earlier scans. `window` leaves out
+    scans more than so many frames away.
+    """
+    first = 0 if window is None else max(0, centre - window)
+    last = len(positions) if window is None else centre + window + 1
+    distance = np.linalg.norm(positions[first:last] - positions[centre], axis=1)
+    scans = first + np.arange(len(distance))
+    signed = np.where(scans < centre, -distance, distance)
+    edges = np.linspace(-REACH, REACH, phi + 1)
+    return [
+        scans[(signed >= low) & (signed < high) & (scans != centre)]
+        for low, high in pairwise(edges)
+    ]
+
+
 def draw_neighbors(
     positions: Float[np.ndarray, 'n 3'], centre: int, phi: int, rng: np.random.Generator
 ) -> list[int]:
-    """Draw one scan from each of `phi` equal segments of [-60 m, 60 m] around a centre scan.
+    """Draw one scan from each segment around a centre scan.
 
-    The signed coordinate is the straight distance, negative for earlier scans. A segment without
-    scans is skipped, as at the ends of a drive.
+    A segment without scans is skipped, as at the ends of a drive.
     """
-    distance = np.linalg.norm(positions - positions[centre], axis=1)
-    signed = np.where(np.arange(len(positions)) < centre, -distance, distance)
-    edges = np.linspace(-REACH, REACH, phi + 1)
-    neighbors = []
-    for low, high in pairwise(edges):
-        inside = np.flatnonzero((signed >= low) & (signed < high))
-        inside = inside[inside != centre]
-        if len(inside):
-            neighbors.append(int(rng.choice(inside)))
-    return neighbors
+    return [int(rng.choice(part)) for part in segments(positions, centre, phi) if len(part)]
 
 
 def find_groups(

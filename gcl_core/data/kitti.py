@@ -3,32 +3,39 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
 
 from gcl_core import se3
 from gcl_core.data.clouds import read_cloud
+from gcl_core.data.poses import read_poses, read_table
 from gcl_core.errors import GclError
 from gcl_core.types import PointCloud
+
+PoseSource = Literal['auto', 'kitti', 'semantickitti']
 
 
 class KittiSequence:
     """Implements `gcl_core.data.sequence.Sequence`.
 
-    Poses in `poses/NN.txt` are the left camera's; `Tr` of `calib.txt` brings LiDAR points into
-    the camera frame, so that the world is the first camera's frame turned to LiDAR axes.
+    Both files of poses hold the left camera's; `Tr` of `calib.txt` brings LiDAR points into the
+    camera frame, so that the world is the first camera's frame turned to LiDAR axes.
+    KITTI's own poses (`poses/NN.txt`, from GPS) jump at the start of 00 and in 08; the public code
+    of the paper takes SemanticKITTI's (`sequences/NN/poses.txt`, from SuMa, a LiDAR SLAM).
 
     Args:
         root: folder that holds `sequences` and `poses`.
         sequence: two digits, such as `08`.
+        poses: whose; `auto` takes KITTI's own, or SemanticKITTI's where only those exist. The
+            name says so when they are SemanticKITTI's: `kitti/08-suma`.
 
     Raises:
         GclError: something is missing or malformed; the message says what was expected where.
     """
 
-    def __init__(self, root: Path, sequence: str) -> None:
-        self.name = f'kitti/{sequence}'
+    def __init__(self, root: Path, sequence: str, poses: PoseSource = 'auto') -> None:
         folder = root / 'sequences' / sequence
         for expected in (folder, folder / 'velodyne'):
             if not expected.is_dir():
@@ -37,16 +44,18 @@ class KittiSequence:
                     'sequences/NN/velodyne/*.bin beside poses/NN.txt'
                 )
         self._scans = sorted((folder / 'velodyne').glob('*.bin'))
-        self._times = read_times(folder / 'times.txt')
-        T_camera_lidar = read_calibration(folder / 'calib.txt')
-        T_world_camera = read_poses(root / 'poses' / f'{sequence}.txt')
-        if len(T_world_camera) != len(self._scans):
+        own, suma = root / 'poses' / f'{sequence}.txt', folder / 'poses.txt'
+        takes_suma = poses == 'semantickitti' or (
+            poses == 'auto' and suma.is_file() and not own.is_file()
+        )
+        self.name = f'kitti/{sequence}-suma' if takes_suma else f'kitti/{sequence}'
+        self._times_file = folder / 'times.txt'
+        self._poses = lidar_poses(suma if takes_suma else own, folder / 'calib.txt')
+        if len(self._poses) != len(self._scans):
             raise GclError(
-                f'{self.name}: {len(self._scans)} scans but {len(T_world_camera)} poses; '
+                f'{self.name}: {len(self._scans)} scans but {len(self._poses)} poses; '
                 'the download is incomplete'
             )
-        T_lidar_camera = se3.inverse(T_camera_lidar)
-        self._poses = [T_lidar_camera @ T @ T_camera_lidar for T in T_world_camera]
 
     def __len__(self) -> int:
         return len(self._scans)
@@ -60,37 +69,29 @@ class KittiSequence:
         return self._poses[index]
 
     def stamp(self, index: int) -> float:
-        """Seconds since the first scan."""
-        return float(self._times[index])
+        """Seconds since the first scan.
+
+        Raises:
+            GclError: `times.txt` is missing or malformed.
+        """
+        times = read_table(self._times_file, 1)[:, 0]
+        if len(times) != len(self):
+            raise GclError(f'{self._times_file}: {len(times)} times for {len(self)} scans')
+        return float(times[index])
 
 
-def _read_table(path: Path, columns: int) -> Float[np.ndarray, 'n c']:
-    try:
-        table = np.loadtxt(path, ndmin=2)
-    except OSError:
-        raise GclError(f'no file {path}; it belongs to the KITTI odometry download') from None
-    except ValueError as error:
-        raise GclError(f'{path}: {error}') from None
-    if table.ndim != 2 or table.shape[1] != columns:
-        raise GclError(f'{path}: expected {columns} numbers a line, got {table.shape[1]}')
-    if not np.isfinite(table).all():
-        raise GclError(f'{path} holds a number that is not finite')
-    return table
-
-
-def read_poses(path: Path) -> list[Float[np.ndarray, '4 4']]:
-    """Read one 3x4 pose a line."""
-    rows = _read_table(path, 12).reshape(-1, 3, 4)
-    return [np.vstack([row, [0.0, 0.0, 0.0, 1.0]]) for row in rows]
-
-
-def read_times(path: Path) -> Float[np.ndarray, ' n']:
-    """Read one time a line, seconds."""
-    return _read_table(path, 1)[:, 0]
+def lidar_poses(poses: Path, calibration: Path) -> Float[np.ndarray, 'n 4 4']:
+    """Read camera poses and turn them into the LiDAR's: `inv(Tr) T_world_camera Tr`."""
+    T_camera_lidar = read_calibration(calibration)
+    return np.asarray(se3.inverse(T_camera_lidar) @ read_poses(poses) @ T_camera_lidar)
 
 
 def read_calibration(path: Path) -> Float[np.ndarray, '4 4']:
-    """Read `Tr`, the pose of the LiDAR in the camera frame."""
+    """Read `Tr`, the pose of the LiDAR in the camera frame.
+
+    Raises:
+        GclError: missing or malformed.
+    """
     try:
         lines = path.read_text().splitlines()
     except OSError:
@@ -98,7 +99,10 @@ def read_calibration(path: Path) -> Float[np.ndarray, '4 4']:
     for line in lines:
         key, _, numbers = line.partition(':')
         if key.strip() == 'Tr':
-            values = np.array(numbers.split(), dtype=float)
+            try:
+                values = np.array(numbers.split(), dtype=float)
+            except ValueError as error:
+                raise GclError(f'{path}: Tr: {error}') from None
             if values.shape != (12,):
                 raise GclError(f'{path}: Tr has {len(values)} numbers, expected 12')
             return np.vstack([values.reshape(3, 4), [0.0, 0.0, 0.0, 1.0]])

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
+from scipy.spatial import cKDTree
 
 from gcl_core import se3
 from gcl_core.data.sequence import Sequence, positions
@@ -44,14 +45,16 @@ def draw_pairs(
     Pairs of one drive are correlated, so that intervals on them are too narrow.
     """
     where = positions(sequence)
-    distance = np.linalg.norm(where[:, None] - where[None], axis=2)
+    near = cKDTree(where).query_pairs(max(high for _, high in bins), output_type='ndarray')
+    target, source = near[np.lexsort((near[:, 1], near[:, 0]))].T
+    distance = np.linalg.norm(where[source] - where[target], axis=1)
     rng = np.random.default_rng(seed)
     pairs = []
     for low, high in bins:
-        target, source = np.nonzero(np.triu((distance >= low) & (distance < high)))
-        chosen = np.sort(rng.permutation(len(source))[:per_bin])
-        for s, t in zip(source[chosen], target[chosen], strict=True):
-            pairs.append(Pair(int(s), int(t), float(distance[t, s]), (low, high)))
+        inside = np.flatnonzero((distance >= low) & (distance < high))
+        for row in inside[np.sort(rng.permutation(len(inside))[:per_bin])]:
+            apart = float(distance[row])
+            pairs.append(Pair(int(source[row]), int(target[row]), apart, (low, high)))
     return pairs
 
 

@@ -8,6 +8,7 @@ import pytest
 from gcl_core import se3
 from gcl_core.cli.main import main
 from gcl_core.data.clouds import read_cloud, write_cloud
+from gcl_core.data.pair_list import read_pair_list
 from gcl_core.evaluation import metrics
 
 
@@ -43,6 +44,10 @@ def test_register_prints_one_json_object_and_writes_files(pair, drive, capsys):
         (['register', 'no.bin', 'no.bin'], 'no file no.bin'),
         (['register', 'no.las', 'no.bin'], "unknown format '.las'"),
         (['train', '--config', 'no.yaml', '--out', 'x'], 'cannot read config no.yaml'),
+        (['evaluate', '--data', 'nowhere'], 'no folder nowhere'),
+        (['pairs', 'p', '--data', 'nowhere', '--fcgf'], 'no folder nowhere'),
+        (['pairs', 'p', '--data', '.', '--random', '0'], '--random is 0'),
+        (['bag', 'from-data', 'nowhere', 'b', '--pairs', '1'], 'no folder nowhere'),
         (['evaluate', '--kitti', 'nowhere', '--sequence', '08'], 'no folder nowhere'),
         (['bag', 'from-kitti', 'nowhere', '08', 'b', '--distance', '20'], 'no folder nowhere'),
     ],
@@ -69,6 +74,65 @@ def test_evaluate_prints_a_table(tmp_path, pair, capsys):
     result = json.loads((tmp_path / 'result.json').read_text())
     assert len(result['predictions']) == 5
     assert result['config']['turns'] == 1
+
+
+@pytest.fixture(scope='module')
+def folder(tmp_path_factory, drive):
+    """A plain folder of scans 5 m apart, with poses."""
+    path = tmp_path_factory.mktemp('drives') / 'a'
+    path.mkdir()
+    lines = []
+    for i in range(20, 165, 5):
+        write_cloud(path / f'{i}.npy', drive.scan(i))
+        lines.append(' '.join(str(x) for x in drive.T_world_lidar(i)[:3].ravel()))
+    (path / 'poses.txt').write_text('\n'.join(lines))
+    return path
+
+
+def test_evaluate_on_a_list_names_it_and_its_hash(tmp_path, pair, folder, capsys):
+    assert main(['pairs', str(tmp_path / 'p.txt'), '--data', str(folder), '--random', '1']) == 0
+    pairs = read_pair_list(tmp_path / 'p.txt')
+    assert capsys.readouterr().out == f'wrote {pairs.label} to {tmp_path / "p.txt"}\n'
+    assert len(pairs.pairs) == 5
+    text = (tmp_path / 'p.txt').read_text().splitlines()
+    (tmp_path / 'one.txt').write_text(text[-5])
+    short = read_pair_list(tmp_path / 'one.txt')
+    code = main(
+        ['evaluate', '--data', str(folder), '--pairs', str(tmp_path / 'one.txt')]
+        + ['--config', str(pair / 'fast.yaml'), '--out', str(tmp_path / 'result.json')]
+    )
+    assert code == 0
+    assert f'one, 1 pairs, sha256 {short.sha256[:12]}' in capsys.readouterr().out
+    result = json.loads((tmp_path / 'result.json').read_text())
+    assert result['pairs'] == {'name': 'one', 'count': 1, 'sha256': short.sha256}
+    assert result['sequences'] == ['folder/a']
+    predicted = [(p['pair']['source'], p['pair']['target']) for p in result['predictions']]
+    assert predicted == [(p.source, p.target) for p in short.pairs]
+
+
+@pytest.mark.parametrize(
+    ('kind', 'size', 'name'),
+    [(['--range', '5', '20'], 1, 'folder [5,20]'), (['--fcgf'], 5, 'folder [10,10]')],
+)
+def test_pairs_of_a_short_drive(tmp_path, folder, capsys, kind, size, name):
+    assert main(['pairs', str(tmp_path / 'p.txt'), '--data', str(folder), *kind]) == 0
+    pairs = read_pair_list(tmp_path / 'p.txt')
+    assert pairs.name == name
+    assert len(pairs.pairs) >= size
+
+
+def test_low_overlap_pairs_of_a_short_drive_do_not_exist(tmp_path, folder, capsys):
+    assert main(['pairs', str(tmp_path / 'p'), '--data', str(folder), '--low-overlap']) == 2
+    assert 'has no such pair' in capsys.readouterr().err
+
+
+def test_lists_of_other_drives_are_refused(tmp_path, folder, capsys):
+    (tmp_path / 'p.txt').write_text('a 3 500\n')
+    arguments = ['evaluate', '--data', str(folder), '--pairs', str(tmp_path / 'p.txt')]
+    assert main(arguments) == 2
+    assert 'lists scan 500 of a, but folder/a has 29 scans' in capsys.readouterr().err
+    assert main([*arguments, '--sequence', 'b']) == 2
+    assert 'lists no pair of b' in capsys.readouterr().err
 
 
 def test_train_writes_weights_that_register_reads(tmp_path, pair, capsys):

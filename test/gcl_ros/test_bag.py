@@ -4,6 +4,7 @@ from rosbags.typesys import get_typestore
 
 from gcl_core import se3
 from gcl_core.cli.main import main
+from gcl_core.data.clouds import write_cloud
 from gcl_core.errors import GclError
 from gcl_core.types import PointCloud
 from gcl_ros.bag import (
@@ -99,3 +100,17 @@ def test_bag_from_simulator_pairs(tmp_path):
     arguments = ['bag', 'from-simulator', '3', str(tmp_path / 'b'), '--pairs', '1']
     assert main([*arguments, '--every', '5', '--storage', 'sqlite3']) == 0
     assert len(read(tmp_path / 'b')) == 3
+
+
+def test_bag_from_a_folder(tmp_path, drive):
+    (tmp_path / 'scans').mkdir()
+    poses = []
+    for i in (90, 97):
+        write_cloud(tmp_path / f'scans/{i}.npy', drive.scan(i))
+        poses.append(' '.join(str(x) for x in drive.T_world_lidar(i)[:3].ravel()))
+    (tmp_path / 'scans/poses.txt').write_text('\n'.join(poses))
+    arguments = ['bag', 'from-data', str(tmp_path / 'scans'), str(tmp_path / 'b')]
+    assert main([*arguments, '--distance', '6']) == 0
+    (encounter,) = read_encounters(tmp_path / 'b')
+    T = se3.inverse(drive.T_world_lidar(90)) @ drive.T_world_lidar(97)
+    np.testing.assert_allclose(encounter.T_target_source, T, atol=1e-9)

@@ -1,0 +1,121 @@
+"""Training samples over recorded drives: a centre scan and its neighbours, anew each epoch.
+
+Paper, section "Overview of GCL" and appendix "Dataset Preparation": centres every 11 frames, one
+neighbour from each of phi segments of [-60 m, 60 m].
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence as List
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from gcl_core import se3
+from gcl_core.data.groups import segments
+from gcl_core.data.sequence import Sequence, positions
+from gcl_core.errors import GclError
+from gcl_core.types import PointCloud
+
+EVERY = 11  # frames between centres; paper
+WINDOW = 600  # frames to either side where neighbours lie; public code: 10 for each of 60 m
+
+
+@dataclass(frozen=True)
+class ScanGroup:
+    """Scans that are trained together, as they were recorded.
+
+    Attributes:
+        clouds: of the centre first, then of its neighbours, each in its own frame.
+        T_centre_scan: pose of each scan in the centre's frame; the first is the identity.
+        sequence: name of the drive.
+        scans: index of each scan in it.
+    """
+
+    clouds: tuple[PointCloud, ...]
+    T_centre_scan: Float[np.ndarray, 's 4 4']
+    sequence: str
+    scans: tuple[int, ...]
+
+
+class GroupIndex:
+    """All centres of some drives; group number `i` depends on the seed and `i` alone.
+
+    One pass over the centres, in a new order with new neighbours, is an epoch; numbers go on
+    beyond it without end, so that a run can be resumed at any of them.
+
+    Args:
+        sequences: drives with poses.
+        phi: neighbours of a centre (paper: 6).
+        every: frames from one centre to the next try; after a frame whose segments are not all
+            filled, the next frame is tried.
+        window: frames to either side where neighbours lie. It keeps out later visits of the same
+            place, of which the poses drift.
+
+    Raises:
+        GclError: no frame has all segments filled.
+    """
+
+    def __init__(
+        self,
+        sequences: List[Sequence],
+        *,
+        phi: int = 6,
+        every: int = EVERY,
+        window: int = WINDOW,
+    ) -> None:
+        self._sequences, self._phi, self._window = list(sequences), phi, window
+        self._positions = [positions(sequence) for sequence in sequences]
+        self.centres = [
+            (number, centre)
+            for number, where in enumerate(self._positions)
+            for centre in find_centres(where, phi=phi, every=every, window=window)
+        ]
+        if not self.centres:
+            names = ', '.join(sequence.name for sequence in sequences) or 'no sequence'
+            raise GclError(
+                f'no scan of {names} has a neighbour in each of {phi} segments of '
+                '[-60 m, 60 m]; take longer drives or a smaller phi'
+            )
+
+    def __len__(self) -> int:
+        """Number of centres: groups in an epoch."""
+        return len(self.centres)
+
+    def scans(self, number: int, *, seed: int) -> tuple[Sequence, tuple[int, ...]]:
+        """Choose the scans of group `number`: the centre first, then one of each segment."""
+        epoch, place = divmod(number, len(self))
+        order = np.random.default_rng([seed, epoch, 11]).permutation(len(self))
+        drive, centre = self.centres[order[place]]
+        rng = np.random.default_rng([seed, number, 12])
+        filled = segments(self._positions[drive], centre, self._phi, window=self._window)
+        return self._sequences[drive], (centre, *(int(rng.choice(part)) for part in filled))
+
+    def group(self, number: int, *, seed: int) -> ScanGroup:
+        """Read group `number`.
+
+        Args:
+            number: from 0 on, without end.
+            seed: of order and neighbours.
+        """
+        sequence, scans = self.scans(number, seed=seed)
+        T_centre_world = se3.inverse(sequence.T_world_lidar(scans[0]))
+        poses = [T_centre_world @ sequence.T_world_lidar(scan) for scan in scans]
+        clouds = tuple(sequence.scan(scan) for scan in scans)
+        return ScanGroup(clouds, np.stack(poses), sequence.name, scans)
+
+
+def find_centres(
+    where: Float[np.ndarray, 'n 3'], *, phi: int, every: int = EVERY, window: int = WINDOW
+) -> list[int]:
+    """Frames with a neighbour in each of `phi` segments, `every` frames apart or more."""
+    centres = []
+    frame = 0
+    while frame < len(where):
+        if all(len(part) for part in segments(where, frame, phi, window=window)):
+            centres.append(frame)
+            frame += every
+        else:
+            frame += 1
+    return centres

@@ -1,0 +1,166 @@
+"""nuScenes: key frames of LIDAR_TOP, through the official JSON tables read directly."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from gcl_core import se3
+from gcl_core.errors import GclError
+from gcl_core.types import PointCloud
+
+LIDAR = 'samples/LIDAR_TOP/'  # key frames lie here, the sweeps between them in sweeps/
+COLUMNS = 5  # float32 x, y, z, intensity, ring
+# The sensor's x points right and y forward; KITTI's x points forward and y left.
+T_KITTI_SENSOR = se3.from_xyz_rpy(yaw=-np.pi / 2)
+
+
+@dataclass(frozen=True)
+class KeyFrame:
+    """One LIDAR_TOP key frame.
+
+    Attributes:
+        path: of the points.
+        timestamp: microseconds.
+        T_world_lidar: pose of the sensor, axes turned to KITTI's, in the map's frame.
+    """
+
+    path: Path
+    timestamp: int
+    T_world_lidar: Float[np.ndarray, '4 4']
+
+
+class NuScenesSequence:
+    """Implements `gcl_core.data.sequence.Sequence`: the scenes of one log in a row, by time.
+
+    Points are turned by 90 degrees to KITTI's axes (x forward, y left, z up), poses with them.
+    The gaps between the scenes of a log stay gaps: neighbouring key frames may lie far apart.
+    """
+
+    def __init__(self, log: str, frames: list[KeyFrame]) -> None:
+        self.name = f'nuscenes/{log}'
+        self._frames = frames
+
+    def __len__(self) -> int:
+        return len(self._frames)
+
+    def scan(self, index: int) -> PointCloud:
+        """Read one key frame, KITTI's axes.
+
+        Raises:
+            GclError: missing or broken.
+        """
+        path = self._frames[index].path
+        if not path.is_file():
+            raise GclError(f'no file {path}; download the key frames of LIDAR_TOP into it')
+        size = path.stat().st_size
+        if size == 0 or size % (4 * COLUMNS):
+            raise GclError(
+                f'{path} has {size} bytes, not a multiple of 20 '
+                '(float32 x, y, z, intensity, ring): it is cut off'
+            )
+        points = np.fromfile(path, dtype=np.float32).reshape(-1, COLUMNS)
+        cloud = PointCloud.from_array(points, str(path))
+        return PointCloud(se3.transform(T_KITTI_SENSOR, cloud.points))
+
+    def T_world_lidar(self, index: int) -> Float[np.ndarray, '4 4']:
+        """Pose of the sensor, KITTI's axes, in the map's frame."""
+        return self._frames[index].T_world_lidar
+
+    def stamp(self, index: int) -> float:
+        """Seconds since the first key frame."""
+        return (self._frames[index].timestamp - self._frames[0].timestamp) * 1e-6
+
+
+def read_logs(root: Path, version: str | None = None) -> dict[str, NuScenesSequence]:
+    """Read the tables once; return the sequence of every log, by the log's name.
+
+    Args:
+        root: folder that holds `samples/LIDAR_TOP` and one folder of tables for each version.
+        version: such as `v1.0-mini`; may be left out where there is one.
+
+    Raises:
+        GclError: a table is missing or malformed; the message says what was expected where.
+    """
+    tables = root / (version or _only_version(root))
+    frames = _read(tables, 'sample_data', lambda r: r if _is_lidar_key_frame(r) else None)
+    poses = {f['ego_pose_token'] for f in frames.values()}
+    ego = _read(tables, 'ego_pose', lambda r: r if r['token'] in poses else None)
+    mounts = _read(tables, 'calibrated_sensor')
+    samples, scenes, logs = (_read(tables, name) for name in ('sample', 'scene', 'log'))
+    found: dict[str, list[KeyFrame]] = {}
+    for frame in sorted(frames.values(), key=lambda f: int(f['timestamp'])):
+        sample = _row(samples, frame['sample_token'], tables, 'sample')
+        scene = _row(scenes, sample['scene_token'], tables, 'scene')
+        log = _row(logs, scene['log_token'], tables, 'log')
+        T_world_ego = _pose(_row(ego, frame['ego_pose_token'], tables, 'ego_pose'))
+        mount = _row(mounts, frame['calibrated_sensor_token'], tables, 'calibrated_sensor')
+        T_world_lidar = T_world_ego @ _pose(mount) @ se3.inverse(T_KITTI_SENSOR)
+        found.setdefault(log['logfile'], []).append(
+            KeyFrame(root / frame['filename'], int(frame['timestamp']), T_world_lidar)
+        )
+    if not found:
+        raise GclError(f'{tables}/sample_data.json lists no key frame in {LIDAR}')
+    return {log: NuScenesSequence(log, found[log]) for log in sorted(found)}
+
+
+def versions(root: Path) -> list[str]:
+    """Names of the folders of tables."""
+    return sorted(p.parent.name for p in root.glob('*/sample_data.json'))
+
+
+def _only_version(root: Path) -> str:
+    found = versions(root)
+    if len(found) == 1:
+        return found[0]
+    if found:
+        raise GclError(f'{root} holds the versions {", ".join(found)}; choose one')
+    raise GclError(
+        f'no {root}/v1.0-*/sample_data.json; nuScenes is laid out as v1.0-trainval/*.json '
+        f'beside {LIDAR}*.pcd.bin'
+    )
+
+
+def _is_lidar_key_frame(row: dict[str, Any]) -> bool:
+    return bool(row['is_key_frame']) and str(row['filename']).startswith(LIDAR)
+
+
+def _read(
+    tables: Path, name: str, keep: Callable[[dict[str, Any]], Any] = lambda row: row
+) -> dict[str, dict[str, Any]]:
+    """Read a table by token; rows that `keep` refuses are dropped while parsing.
+
+    Of 2.6 million rows in the full tables, other sensors' among them, 1 in 80 is kept. The text of
+    a table is held whole for that moment: 1.2 GB, and about 6 s to parse.
+    """
+    path = tables / f'{name}.json'
+    try:
+        with path.open() as file:
+            rows = json.load(file, object_hook=keep)
+        return {row['token']: row for row in rows if row is not None}
+    except OSError:
+        raise GclError(f'no file {path}; it belongs to the nuScenes metadata') from None
+    except KeyError as error:
+        raise GclError(f'{path}: a row lacks {error}; is it a nuScenes table?') from None
+    except (ValueError, TypeError) as error:
+        raise GclError(f'{path} is not a nuScenes table: {error}') from None
+
+
+def _row(table: dict[str, dict[str, Any]], token: str, tables: Path, name: str) -> dict[str, Any]:
+    if token not in table:
+        raise GclError(f'{tables}/{name}.json has no row {token!r}; the metadata is incomplete')
+    return table[token]
+
+
+def _pose(row: dict[str, Any]) -> Float[np.ndarray, '4 4']:
+    """Pose of a row with `rotation` (w, x, y, z) and `translation`, metres."""
+    w, x, y, z = row['rotation']
+    return se3.from_rotation_translation(
+        se3.from_quaternion(x, y, z, w), np.asarray(row['translation'], dtype=float)
+    )
