@@ -9,7 +9,7 @@ Points are in metres in the frame of the sensor that saw them unless a name says
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 import torch
@@ -62,6 +62,17 @@ class SparseTensor:
     points: Float[torch.Tensor, 'n 3']
     features: Float[torch.Tensor, 'n c']
     splits: tuple[int, ...]
+
+    def to(self, device: torch.device) -> SparseTensor:
+        """Copy to a device, or return itself if it is there."""
+        if self.keys.device == device:
+            return self
+        return SparseTensor(
+            keys=self.keys.to(device),
+            points=self.points.to(device),
+            features=self.features.to(device),
+            splits=self.splits,
+        )
 
 
 @dataclass(frozen=True)
@@ -130,7 +141,14 @@ class PositiveGroups:
     @property
     def group(self) -> Int64[torch.Tensor, ' n']:
         """Group index of each member."""
-        return torch.repeat_interleave(torch.arange(len(self)), self.sizes)
+        rows = torch.arange(len(self), device=self.offsets.device)
+        return torch.repeat_interleave(rows, self.sizes)
+
+    def to(self, device: torch.device) -> PositiveGroups:
+        """Copy to a device, or return itself if it is there."""
+        if self.offsets.device == device:
+            return self
+        return PositiveGroups(**{f.name: getattr(self, f.name).to(device) for f in fields(self)})
 
 
 @dataclass(frozen=True)

@@ -135,7 +135,7 @@ def layers(voxels: SparseTensor, dtype: torch.dtype) -> dict[str, float]:
         x = torch.randn(len(voxels.keys), width).to(dtype)
         weight = torch.randn(27, width, width)
         with torch.inference_mode():
-            took = milliseconds(lambda x=x, w=weight: sparse_conv(x, w, kmap))  # type: ignore[misc]
+            took = milliseconds(lambda x=x, w=weight: sparse_conv(x, w, kmap))
         figures[f'layer_{width}_ms'] = took
         figures[f'layer_{width}_gflops'] = 2e-6 * pairs(kmap) * width**2 / took
     return figures
@@ -144,7 +144,7 @@ def layers(voxels: SparseTensor, dtype: torch.dtype) -> dict[str, float]:
 def against_spconv(voxels: SparseTensor, ours_ms: float) -> dict[str, float | None]:
     """Compare a 64 to 64 convolution, maps not counted, with spconv's CPU build if installed."""
     try:
-        from spconv import pytorch as spconv
+        from spconv import pytorch as spconv  # type: ignore[import-not-found]
     except ImportError:
         return {'spconv_64_ms': None, 'speedup_vs_spconv_64': None}
     mask = (1 << 16) - 1

@@ -27,13 +27,23 @@ def add_parser(commands: Any) -> None:
 def run(options: argparse.Namespace) -> int:
     """Train, then write weights with their record and the curves."""
     from gcl_core.models.zoo import save_weights
-    from gcl_core.training.trainer import TrainConfig, Trainer
+    from gcl_core.training.distributed import processes
+    from gcl_core.training.recipe import TrainConfig
+    from gcl_core.training.trainer import Trainer
 
     config = load_config(TrainConfig, options.config)
-    trainer = Trainer(config, options.out)
-    trainer.run()
-    record = {'recipe': asdict(config), 'steps': trainer.step, 'data': 'simulated streets only'}
-    save_weights(options.out / 'weights.safetensors', trainer.model, record)
+    with processes() as own:
+        trainer = Trainer(config, options.out, own)
+        trainer.run()
+        if not own.first:
+            return 0
+    data = f'{config.samples.data} {config.samples.drives}'
+    record = {
+        'recipe': asdict(config),
+        'steps': trainer.step,
+        'data': data if config.samples.data else 'simulated streets only',
+    }
+    save_weights(options.out / 'weights.safetensors', trainer.shipped, record)
     log = options.out / 'log.jsonl'
     training_curves(options.out / 'curves.png', log)
     print(f'wrote {options.out / "weights.safetensors"} and {options.out / "curves.png"}')

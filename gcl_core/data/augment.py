@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from gcl_core import se3
+from gcl_core.types import PointCloud
 
 
 def random_turn(
@@ -22,3 +23,9 @@ def random_turn(
     roll, pitch = rng.uniform(-tilt_range, tilt_range, 2)
     yaw = shared_yaw + rng.uniform(-yaw_range, yaw_range)
     return se3.from_xyz_rpy(roll=roll, pitch=pitch, yaw=yaw)
+
+
+def thin_out(cloud: PointCloud, share: float, rng: np.random.Generator) -> PointCloud:
+    """Keep a random `share` of the points, at least one."""
+    count = max(1, round(share * len(cloud)))
+    return PointCloud(cloud.points[np.sort(rng.permutation(len(cloud))[:count])])

@@ -10,7 +10,7 @@ from collections.abc import Sequence as List
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int64
 
 from gcl_core import se3
 from gcl_core.data.groups import segments
@@ -83,27 +83,58 @@ class GroupIndex:
         """Number of centres: groups in an epoch."""
         return len(self.centres)
 
-    def scans(self, number: int, *, seed: int) -> tuple[Sequence, tuple[int, ...]]:
-        """Choose the scans of group `number`: the centre first, then one of each segment."""
+    def scans(
+        self, number: int, *, seed: int, distances: tuple[float, float] | None = None
+    ) -> tuple[Sequence, tuple[int, ...]]:
+        """Choose the scans of group `number`: the centre first, then its neighbours."""
         epoch, place = divmod(number, len(self))
         order = np.random.default_rng([seed, epoch, 11]).permutation(len(self))
         drive, centre = self.centres[order[place]]
         rng = np.random.default_rng([seed, number, 12])
-        filled = segments(self._positions[drive], centre, self._phi, window=self._window)
+        if distances:
+            filled = [between(self._positions[drive], centre, distances, self._window)]
+        else:
+            filled = segments(self._positions[drive], centre, self._phi, window=self._window)
         return self._sequences[drive], (centre, *(int(rng.choice(part)) for part in filled))
 
-    def group(self, number: int, *, seed: int) -> ScanGroup:
+    def group(
+        self, number: int, *, seed: int, distances: tuple[float, float] | None = None
+    ) -> ScanGroup:
         """Read group `number`.
 
         Args:
             number: from 0 on, without end.
             seed: of order and neighbours.
+            distances: take one neighbour that is so far away, metres, instead of one from each
+                segment: the pair-wise baseline.
+
+        Raises:
+            GclError: no scan is that far away.
         """
-        sequence, scans = self.scans(number, seed=seed)
+        sequence, scans = self.scans(number, seed=seed, distances=distances)
         T_centre_world = se3.inverse(sequence.T_world_lidar(scans[0]))
         poses = [T_centre_world @ sequence.T_world_lidar(scan) for scan in scans]
         clouds = tuple(sequence.scan(scan) for scan in scans)
         return ScanGroup(clouds, np.stack(poses), sequence.name, scans)
+
+
+def between(
+    where: Float[np.ndarray, 'n 3'], centre: int, distances: tuple[float, float], window: int
+) -> Int64[np.ndarray, ' k']:
+    """Scans at a distance from a centre scan, metres.
+
+    Raises:
+        GclError: there are none.
+    """
+    first = max(0, centre - window)
+    away = np.linalg.norm(where[first : centre + window + 1] - where[centre], axis=1)
+    found = first + np.flatnonzero((away >= distances[0]) & (away < distances[1]))
+    if len(found) == 0:
+        raise GclError(
+            f'no scan lies {distances[0]:g} to {distances[1]:g} m from scan {centre}; take a '
+            'longer drive or other distances'
+        )
+    return found
 
 
 def find_centres(

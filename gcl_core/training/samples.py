@@ -1,25 +1,26 @@
-"""An endless, seeded stream of training samples, cut by one background process."""
+"""An endless, seeded stream of training samples, cut by background processes."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
+from pathlib import Path
+from typing import Protocol
 
 import numpy as np
-from torch.utils.data import IterableDataset
+import torch
+from jaxtyping import Float
+from torch.utils.data import IterableDataset, get_worker_info
 
 from gcl_core import se3
-from gcl_core.data.augment import random_turn
-from gcl_core.data.groups import draw_neighbors
-from gcl_core.data.sequence import positions
-from gcl_core.data.simulator.sequence import SimulatedSequence
+from gcl_core.data.augment import random_turn, thin_out
+from gcl_core.data.formats import open_sequences
+from gcl_core.data.group_index import GroupIndex, ScanGroup
+from gcl_core.errors import GclError
 from gcl_core.models.resunet import ResUNet, ResUNetConfig
+from gcl_core.training.simulated import SimulatedGroups, SimulationConfig
 from gcl_core.types import PointCloud, SparseTensor
-
-CENTRE_SPAN = (
-    30  # scans, a metre apart, around the middle of a street where centre scans are taken
-)
 
 
 @dataclass(frozen=True)
@@ -27,20 +28,49 @@ class SampleConfig:
     """How samples are drawn.
 
     Attributes:
+        data: folder of recorded drives to train on; simulated streets if there is none.
+        drives: names of the drives in it, such as KITTI's ['00', '01'].
+        simulation: what is simulated.
         phi: neighbour scans of a centre scan (the paper: 6).
-        samples_per_world: samples taken from one simulated street before a new one is built.
+        pair_stages: for the pair-wise baseline: distances of the one neighbour, metres; several
+            ranges share the run evenly (the paper: 5 to 20, then to 30, 40, 50, 60).
         shared_yaw_deg: half width of the heading that a whole group is turned by.
         yaw_deg: half width of each scan's own heading, at the first and at the last step.
         tilt_deg: half width of roll and pitch.
-        sensor: simulated sensor.
+        keep: least share of a neighbour's points that random thinning leaves.
     """
 
+    data: str = ''
+    drives: tuple[str, ...] = ()
+    simulation: SimulationConfig = field(default_factory=SimulationConfig)
     phi: int = 6
-    samples_per_world: int = 2
+    pair_stages: tuple[tuple[float, float], ...] = ()
     shared_yaw_deg: float = 180.0
     yaw_deg: tuple[float, float] = (20.0, 20.0)
     tilt_deg: float = 1.5
-    sensor: str = 'hdl64e'
+    keep: float = 1.0
+
+    def __post_init__(self) -> None:
+        if not 0 < self.keep <= 1:
+            raise GclError(f'samples.keep is {self.keep}; choose from ]0, 1]')
+        if any(low >= high for low, high in self.pair_stages):
+            raise GclError(f'samples.pair_stages is {self.pair_stages}; low comes before high')
+
+    def distances(self, progress: float) -> tuple[float, float] | None:
+        """Distances of the pair-wise baseline at this fraction of the run; None for groups."""
+        if not self.pair_stages:
+            return None
+        stage = int(progress * len(self.pair_stages))
+        return self.pair_stages[min(stage, len(self.pair_stages) - 1)]
+
+
+class Groups(Protocol):
+    """A source of scans that are trained together."""
+
+    def group(
+        self, number: int, *, seed: int, distances: tuple[float, float] | None = None
+    ) -> ScanGroup:
+        """Draw group `number`: the centre and its neighbours, or one neighbour that far away."""
 
 
 @dataclass(frozen=True)
@@ -49,51 +79,82 @@ class Sample:
 
     Attributes:
         voxels: of all scans, each turned by its augmentation.
-        T_centre_scan: from each turned scan's frame to the centre's own, (scans, 4, 4).
+        T_centre_scan: from each turned scan's frame to the centre's own.
     """
 
     voxels: SparseTensor
-    T_centre_scan: np.ndarray
+    T_centre_scan: Float[np.ndarray, 's 4 4']
 
 
 @lru_cache(maxsize=1)
-def _world(seed: int, sensor: str) -> SimulatedSequence:
-    return SimulatedSequence(seed, sensor=sensor)
+def source_of(config: SampleConfig) -> Groups:
+    """Open what the recipe trains on."""
+    if not config.data:
+        return SimulatedGroups(config.simulation, config.phi)
+    drives = open_sequences(Path(config.data), config.drives or None)
+    return GroupIndex(list(drives.values()), phi=config.phi)
+
+
+def augment(
+    group: ScanGroup, config: SampleConfig, progress: float, rng: np.random.Generator
+) -> tuple[list[PointCloud], Float[np.ndarray, 's 4 4']]:
+    """Turn and thin the scans; returns them with their poses in the centre's own frame."""
+    yaw_range = np.deg2rad(np.interp(progress, [0, 1], config.yaw_deg))
+    shared = rng.uniform(-1, 1) * np.deg2rad(config.shared_yaw_deg)
+    clouds, poses = [], []
+    for place, (cloud, T_centre_scan) in enumerate(
+        zip(group.clouds, group.T_centre_scan, strict=True)
+    ):
+        if place > 0 and config.keep < 1:
+            cloud = thin_out(cloud, rng.uniform(config.keep, 1), rng)
+        # What drives the other way faces the other way: headings are taken from the centre's.
+        facing = np.arctan2(T_centre_scan[1, 0], T_centre_scan[0, 0])
+        turn = random_turn(
+            rng,
+            shared_yaw=shared + facing,
+            yaw_range=yaw_range,
+            tilt_range=np.deg2rad(config.tilt_deg),
+        )
+        clouds.append(PointCloud(se3.transform(turn, cloud.points)))
+        poses.append(T_centre_scan @ se3.inverse(turn))
+    return clouds, np.stack(poses)
 
 
 class SampleStream(IterableDataset[Sample]):
-    """Sample number `i` depends on the seed and `i` alone, so that a run can be resumed."""
+    """Sample number `i` depends on the recipe, the seed and `i` alone: a run can be resumed.
+
+    Args:
+        config: how samples are drawn.
+        network: whose input they become.
+        seed: of everything.
+        numbers: of the samples to yield, in order.
+        last: number of samples of the whole run.
+    """
 
     def __init__(
-        self, config: SampleConfig, network: ResUNetConfig, seed: int, first: int, last: int
+        self, config: SampleConfig, network: ResUNetConfig, seed: int, numbers: range, last: int
     ) -> None:
         self._config, self._network = config, network
-        self._seed, self._first, self._last = seed, first, last
+        self._seed, self._numbers, self._last = seed, numbers, last
 
     def __iter__(self) -> Iterator[Sample]:
         voxelizer = ResUNet(self._network)
-        for number in range(self._first, self._last):
+        worker = get_worker_info()
+        own = self._numbers[worker.id :: worker.num_workers] if worker else self._numbers
+        for number in own:
             yield self.sample(number, voxelizer)
 
     def sample(self, number: int, voxelizer: ResUNet) -> Sample:
         """Cut sample `number`."""
-        config = self._config
-        world = _world(self._seed * 1_000_000 + number // config.samples_per_world, config.sensor)
-        rng = np.random.default_rng([self._seed, number, 7])
-        along = positions(world)
-        middle = len(world) // 2
-        centre = int(rng.integers(middle - CENTRE_SPAN, middle + CENTRE_SPAN))
-        scans = [centre, *draw_neighbors(along, centre, config.phi, rng)]
-
         progress = number / max(self._last, 1)
-        yaw_range = np.deg2rad(np.interp(progress, [0, 1], config.yaw_deg))
-        shared = rng.uniform(-1, 1) * np.deg2rad(config.shared_yaw_deg)
-        T_lidar_world = se3.inverse(world.T_world_lidar(centre))
-        clouds, poses = [], []
-        for index in scans:
-            turn = random_turn(
-                rng, shared_yaw=shared, yaw_range=yaw_range, tilt_range=np.deg2rad(config.tilt_deg)
-            )
-            clouds.append(PointCloud(se3.transform(turn, world.scan(index).points)))
-            poses.append(T_lidar_world @ world.T_world_lidar(index) @ se3.inverse(turn))
-        return Sample(voxelizer.voxelize(clouds), np.stack(poses))
+        group = source_of(self._config).group(
+            number, seed=self._seed, distances=self._config.distances(progress)
+        )
+        rng = np.random.default_rng([self._seed, number, 7])
+        clouds, poses = augment(group, self._config, progress, rng)
+        return Sample(voxelizer.voxelize(clouds), poses)
+
+
+def leave_cores_to_the_network(worker: int) -> None:
+    """Start a worker with one thread."""
+    torch.set_num_threads(1)

@@ -2,111 +2,28 @@
 
 from __future__ import annotations
 
-import ctypes
-import json
-import math
 import time
-from dataclasses import asdict, dataclass, field
+from collections.abc import Iterator, Sequence
+from contextlib import nullcontext
+from dataclasses import asdict
 from pathlib import Path
 
 import torch
+from torch import nn
 from torch.utils.data import DataLoader
 from tqdm import tqdm
 
 from gcl_core.data.groups import find_groups, sample_groups
-from gcl_core.losses.contrast import group_contrast
-from gcl_core.losses.finest import finest
-from gcl_core.losses.hardest_negative import hardest_negative
-from gcl_core.losses.positive import positive_variance
-from gcl_core.models.resunet import ResUNet, ResUNetConfig
+from gcl_core.losses.combined import combined
+from gcl_core.models.resunet import ResUNet
 from gcl_core.training import checkpoint
-from gcl_core.training.samples import Sample, SampleConfig, SampleStream
-from gcl_core.types import PositiveGroups
-
-
-@dataclass(frozen=True)
-class LossConfig:
-    """Weights of the losses.
-
-    Attributes:
-        contrast: weight of the contrastive softmax that warms up, and stays.
-        gcl_from: fraction of the run after which the paper's losses begin to rise to full weight.
-        variance: weight of L_PV.
-        finest: weight of L_F.
-        negative: weight of L_HN.
-        squared: the squared form of the public code instead of the paper's.
-        groups: groups drawn for a step.
-        radius: of a positive group, metres.
-    """
-
-    contrast: float = 1.0
-    gcl_from: float = 0.5
-    variance: float = 1.0
-    finest: float = 1.0
-    negative: float = 1.0
-    squared: bool = True
-    groups: int = 1024
-    radius: float = 0.45
-
-
-@dataclass(frozen=True)
-class TrainConfig:
-    """Everything a run depends on.
-
-    Attributes:
-        steps: optimiser steps of the whole run.
-        learning_rate: peak of the one-cycle cosine.
-        warmup: steps of linear warm-up.
-        weight_decay: of AdamW.
-        clip: largest gradient norm.
-        bf16: compute in bfloat16.
-        seed: of worlds, groups and initial weights.
-        save_every: steps between checkpoints.
-    """
-
-    network: ResUNetConfig = field(default_factory=ResUNetConfig)
-    samples: SampleConfig = field(default_factory=SampleConfig)
-    loss: LossConfig = field(default_factory=LossConfig)
-    steps: int = 2000
-    learning_rate: float = 4e-3
-    warmup: int = 30
-    weight_decay: float = 1e-4
-    clip: float = 5.0
-    bf16: bool = True
-    seed: int = 1
-    save_every: int = 50
-
-
-def keep_freed_memory() -> None:
-    """Ask glibc not to hand big buffers back at every free; page faults cost a third of a step."""
-    libc = ctypes.CDLL(None)
-    if hasattr(libc, 'mallopt'):
-        trim_threshold, mmap_max = -1, -4
-        libc.mallopt(mmap_max, 0)
-        libc.mallopt(trim_threshold, 2**31 - 1)
-
-
-def _leave_cores_to_the_network(worker: int) -> None:
-    torch.set_num_threads(1)
-
-
-def gcl_loss(
-    features: torch.Tensor, groups: PositiveGroups, config: LossConfig, ramp: float, seed: int
-) -> tuple[torch.Tensor, dict[str, float]]:
-    """Combine the losses: contrast + ramp x (L_PV + L_F + L_HN); return total and parts."""
-    generator = torch.Generator().manual_seed(seed)
-    drawn = sample_groups(groups, config.groups, generator)
-    parts = {'contrast': config.contrast * group_contrast(features, drawn)}
-    if ramp > 0:
-        squared = config.squared
-        negative = hardest_negative(features, drawn, generator=generator, squared=squared)
-        parts['variance'] = (
-            ramp * config.variance * positive_variance(features, drawn, squared=squared)
-        )
-        parts['finest'] = ramp * config.finest * finest(features, drawn, squared=squared)
-        parts['negative'] = ramp * config.negative * negative
-    total = torch.stack(list(parts.values())).sum()
-    return total, {name: value.item() for name, value in parts.items()}
+from gcl_core.training.averaging import averaged, follow
+from gcl_core.training.distributed import Processes
+from gcl_core.training.log import TrainingLog
+from gcl_core.training.memory import keep_freed_memory
+from gcl_core.training.recipe import OptimizerConfig, TrainConfig
+from gcl_core.training.samples import Sample, SampleStream, leave_cores_to_the_network
+from gcl_core.training.validation import top1, validate
 
 
 class Trainer:
@@ -115,106 +32,144 @@ class Trainer:
     Args:
         config: see `TrainConfig`.
         folder: checkpoint and log; a checkpoint found there is resumed.
+        processes: which process of how many this is.
     """
 
-    def __init__(self, config: TrainConfig, folder: Path) -> None:
+    def __init__(
+        self, config: TrainConfig, folder: Path, processes: Processes | None = None
+    ) -> None:
         self.config, self.folder = config, folder
+        self.processes = processes or Processes()
+        self._share = self.processes.share(config.batch)
         folder.mkdir(parents=True, exist_ok=True)
         torch.manual_seed(config.seed)
-        self.model = ResUNet(config.network)
+        self.model = ResUNet(config.network).to(self.processes.device)
         self.model.dtype = torch.bfloat16 if config.bf16 else torch.float32
-        self.optimizer = torch.optim.AdamW(
-            self.model.parameters(), lr=config.learning_rate, weight_decay=config.weight_decay
-        )
+        self.optimizer = optimizer(self.model, config.optimizer)
+        self.average = averaged(self.model) if config.optimizer.average else None
         self.step = 0
         if self._checkpoint.exists():
-            self.step = checkpoint.load(self._checkpoint, self.model, self.optimizer)
+            self.step = checkpoint.load(self._checkpoint, self._state())
+        self._parallel = self.processes.parallel(self.model)
+
+    @property
+    def shipped(self) -> ResUNet:
+        """The weights to validate and to keep: averaged ones where there are."""
+        return self.average or self.model
 
     @property
     def _checkpoint(self) -> Path:
         return self.folder / 'checkpoint.safetensors'
 
-    def learning_rate(self, step: int) -> float:
-        """Linear warm-up, then half a cosine down to a hundredth."""
-        config = self.config
-        if step < config.warmup:
-            return config.learning_rate * (step + 1) / config.warmup
-        progress = (step - config.warmup) / max(1, config.steps - config.warmup)
-        return config.learning_rate * (0.01 + 0.99 * 0.5 * (1 + math.cos(math.pi * progress)))
+    def _state(self) -> checkpoint.State:
+        return checkpoint.State(self.model, self.optimizer, self.average)
 
     def run(self) -> None:
         """Train to the last step."""
         keep_freed_memory()
-        config = self.config
-        stream = SampleStream(config.samples, config.network, config.seed, self.step, config.steps)
-        loader = DataLoader(
-            stream,
-            batch_size=None,
-            num_workers=1,
-            multiprocessing_context='spawn',
-            worker_init_fn=_leave_cores_to_the_network,
+        bar = tqdm(
+            total=self.config.steps,
+            initial=self.step,
+            unit='step',
+            mininterval=5,
+            disable=not self.processes.first,
         )
-        bar = tqdm(loader, total=config.steps, initial=self.step, unit='step', mininterval=5)
-        with (self.folder / 'log.jsonl').open('a') as log:
-            for sample in bar:
-                began = time.perf_counter()
-                row = self.train_step(sample)
-                row['seconds'] = round(time.perf_counter() - began, 3)
-                log.write(json.dumps(row) + '\n')
-                log.flush()
-                bar.set_postfix(loss=f'{row["loss"]:.3f}', top1=f'{row["top1"]:.3f}')
-                if self.step % config.save_every == 0 or self.step == config.steps:
+        with TrainingLog(self.folder) if self.processes.first else nullcontext() as log:
+            for samples in self._batches():
+                row = self.train_step(samples)
+                if self.config.validate_every and self.step % self.config.validate_every == 0:
+                    row |= validate(self.shipped)
+                if log:
+                    log.write(row)
+                    bar.set_postfix(loss=f'{row["loss"]:.3f}', top1=f'{row["top1"]:.3f}')
+                    bar.update()
+                if self.step % self.config.save_every == 0 or self.step == self.config.steps:
                     self.save()
 
-    def save(self) -> None:
-        """Write the checkpoint."""
-        checkpoint.save(
-            self._checkpoint, self.model, self.optimizer, self.step, asdict(self.config)
+    def _batches(self) -> Iterator[list[Sample]]:
+        """This process's share of each step's samples, from the current step on."""
+        config, processes = self.config, self.processes
+        numbers = range(
+            self.step * config.batch + processes.rank,
+            config.steps * config.batch,
+            processes.count,
         )
+        last = config.steps * config.batch
+        loader = DataLoader(
+            SampleStream(config.samples, config.network, config.seed, numbers, last),
+            batch_size=None,
+            num_workers=config.workers,
+            multiprocessing_context='spawn',
+            worker_init_fn=leave_cores_to_the_network,
+        )
+        samples: list[Sample] = []
+        for sample in loader:
+            samples.append(sample)
+            if len(samples) == self._share:
+                yield samples
+                samples = []
 
-    def train_step(self, sample: Sample) -> dict[str, float]:
+    def save(self) -> None:
+        """Write the checkpoint; the first process does it for all."""
+        if self.processes.first:
+            checkpoint.save(self._checkpoint, self._state(), self.step, asdict(self.config))
+
+    def train_step(self, samples: Sequence[Sample]) -> dict[str, float]:
         """Take one optimiser step; return what belongs in the log."""
-        config = self.config
-        rate = self.learning_rate(self.step)
+        began = time.perf_counter()
+        rate = self.config.optimizer.rate(self.step, self.config.steps)
         for parameters in self.optimizer.param_groups:
             parameters['lr'] = rate
         self.model.train()
-        points, features, splits = self.model(sample.voxels)
-        groups = find_groups(points, splits, sample.T_centre_scan, radius=config.loss.radius)
-        progress = self.step / config.steps
-        start = config.loss.gcl_from
-        ramp = min(1.0, max(0.0, (progress - start) / max(1e-6, 0.5 * (1 - start))))
-        loss, parts = gcl_loss(
-            features, groups, config.loss, ramp, seed=config.seed * 1_000_003 + self.step
-        )
         self.optimizer.zero_grad(set_to_none=True)
-        loss.backward()
-        norm = torch.nn.utils.clip_grad_norm_(self.model.parameters(), config.clip)
+        rows = []
+        for place, sample in enumerate(samples):
+            last = place == len(samples) - 1
+            with self.processes.synchronised(self._parallel, last=last):
+                rows.append(self._backward(sample, place))
+        norm = nn.utils.clip_grad_norm_(self.model.parameters(), self.config.optimizer.clip)
         self.optimizer.step()
+        if self.average:
+            follow(self.average, self.model, self.config.optimizer.average, self.step)
         self.step += 1
+        mean = {name: sum(row[name] for row in rows) / len(rows) for name in rows[0]}
         return {
             'step': self.step,
-            'loss': loss.item(),
-            **parts,
-            'top1': top1(features.detach(), groups, splits),
-            'grouped': len(groups) / max(1, splits[1]),
+            **mean,
             'lr': rate,
             'gradient': float(norm),
+            'seconds': round(time.perf_counter() - began, 3),
+        }
+
+    def _backward(self, sample: Sample, place: int) -> dict[str, float]:
+        """Add one sample's gradient, its share of the batch."""
+        config, device = self.config, self.processes.device
+        points, features, splits = self._parallel(sample.voxels.to(device))
+        groups = find_groups(
+            points.cpu(),
+            splits,
+            sample.T_centre_scan,
+            radius=config.groups.radius,
+            per_scan=config.groups.per_scan,
+        )
+        number = self.step * config.batch + place * self.processes.count + self.processes.rank
+        generator = torch.Generator().manual_seed(config.seed * 1_000_003 + number)
+        drawn = sample_groups(groups, config.groups.count, generator).to(device)
+        loss, parts = combined(
+            features, drawn, config.loss, progress=self.step / config.steps, generator=generator
+        )
+        (loss / self._share).backward()
+        return {
+            'loss': loss.item(),
+            **parts,
+            'top1': top1(features.detach().cpu(), groups, splits),
+            'grouped': len(groups) / max(1, splits[1]),
         }
 
 
-def top1(
-    features: torch.Tensor, groups: PositiveGroups, splits: tuple[int, ...], queries: int = 256
-) -> float:
-    """Share of centre points whose nearest feature in a neighbour scan is of their group."""
-    has_far = groups.offsets[1:] - 1  # last member: of the last scan the group has a point in
-    rows = torch.linspace(0, len(groups) - 1, min(queries, len(groups))).long()
-    source = groups.member[groups.offsets[:-1][rows]]
-    target = groups.member[has_far[rows]]
-    hits = 0
-    for scan in range(1, len(splits) - 1):
-        inside = (target >= splits[scan]) & (target < splits[scan + 1])
-        candidates = features[splits[scan] : splits[scan + 1]]
-        nearest = (features[source[inside]] @ candidates.t()).argmax(1) + splits[scan]
-        hits += int((nearest == target[inside]).sum())
-    return hits / max(1, len(rows))
+def optimizer(model: nn.Module, config: OptimizerConfig) -> torch.optim.Optimizer:
+    """Make the optimiser of a recipe."""
+    rate, decay = config.learning_rate, config.weight_decay
+    if config.name == 'sgd':
+        return torch.optim.SGD(model.parameters(), lr=rate, momentum=0.8, weight_decay=decay)
+    return torch.optim.AdamW(model.parameters(), lr=rate, weight_decay=decay)

@@ -1,0 +1,103 @@
+"""How good the features are, on the sample at hand and on held-out streets."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import torch
+from jaxtyping import Float
+
+from gcl_core import se3
+from gcl_core.data.augment import random_turn
+from gcl_core.data.pairs import T_target_source, draw_pairs
+from gcl_core.data.simulator.sequence import SimulatedSequence
+from gcl_core.estimation.ransac import RansacConfig, ransac
+from gcl_core.evaluation.metrics import LOOSE, registered
+from gcl_core.matching.mutual import match_mutual
+from gcl_core.models.resunet import ResUNet, ResUNetConfig
+from gcl_core.types import Features, PointCloud, PositiveGroups, SparseTensor
+
+HELD_OUT = range(990_000_000, 990_000_006)  # seeds of streets that no training run reaches
+PAIRS_PER_BIN = 1  # of each street
+YAW = np.deg2rad(40.0)
+INLIER = 0.6  # metres; a match this far from the truth counts as right
+
+
+def top1(
+    features: Float[torch.Tensor, 'n d'],
+    groups: PositiveGroups,
+    splits: tuple[int, ...],
+    queries: int = 256,
+) -> float:
+    """Share of centre points whose nearest feature in a neighbour scan is of their group."""
+    has_far = groups.offsets[1:] - 1  # last member: of the last scan the group has a point in
+    rows = torch.linspace(0, len(groups) - 1, min(queries, len(groups))).long()
+    source = groups.member[groups.offsets[:-1][rows]]
+    target = groups.member[has_far[rows]]
+    hits = 0
+    for scan in range(1, len(splits) - 1):
+        inside = (target >= splits[scan]) & (target < splits[scan + 1])
+        candidates = features[splits[scan] : splits[scan + 1]]
+        nearest = (features[source[inside]] @ candidates.t()).argmax(1) + splits[scan]
+        hits += int((nearest == target[inside]).sum())
+    return hits / max(1, len(rows))
+
+
+@dataclass(frozen=True)
+class HeldOutPair:
+    """Two scans of a held-out street.
+
+    Attributes:
+        source: voxels of the source, turned by up to 40 degrees.
+        target: voxels of the target.
+        T_target_source: the truth.
+        bin: distance between the sensors, metres.
+    """
+
+    source: SparseTensor
+    target: SparseTensor
+    T_target_source: Float[np.ndarray, '4 4']
+    bin: tuple[int, int]
+
+
+@lru_cache(maxsize=1)
+def held_out_pairs(config: ResUNetConfig) -> list[HeldOutPair]:
+    """Simulate the held-out streets; the same pairs in every run."""
+    voxelizer, pairs = ResUNet(config), []
+    for seed in HELD_OUT:
+        street, rng = SimulatedSequence(seed), np.random.default_rng(seed)
+        for pair in draw_pairs(street, per_bin=PAIRS_PER_BIN, seed=seed):
+            turn = random_turn(rng, shared_yaw=0.0, yaw_range=YAW, tilt_range=0.0)
+            turned = PointCloud(se3.transform(turn, street.scan(pair.source).points))
+            T = T_target_source(street, pair) @ se3.inverse(turn)
+            voxels = [voxelizer.voxelize([c]) for c in (turned, street.scan(pair.target))]
+            pairs.append(HeldOutPair(voxels[0], voxels[1], T, pair.bin))
+    return pairs
+
+
+def validate(model: ResUNet) -> dict[str, float]:
+    """Register the held-out pairs; returns figures by distance bin.
+
+    `inliers` is the share of right ones among mutual matches, `recall` the share of pairs whose
+    best hypothesis meets the loose criterion, without refinement.
+    """
+    model.eval()
+    device = next(model.parameters()).device
+    figures: dict[str, list[float]] = {}
+    for pair in held_out_pairs(model.config):
+        with torch.inference_mode():
+            described = [model(voxels.to(device)) for voxels in (pair.source, pair.target)]
+        source, target = (Features(points.cpu(), f.cpu()) for points, f, _ in described)
+        matches = match_mutual(source=source, target=target)
+        T = torch.from_numpy(pair.T_target_source).float()
+        moved = matches.source @ T[:3, :3].t() + T[:3, 3]
+        right = (moved - matches.target).norm(dim=1) < INLIER
+        found = ransac(matches, RansacConfig(samples=200_000), max_yaw=2 * YAW)
+        best = found[0].T_target_source.numpy() if found else None
+        hit = registered(best, pair.T_target_source, LOOSE)
+        name = f'{pair.bin[0]}_{pair.bin[1]}'
+        figures.setdefault(f'valid/inliers_{name}', []).append(float(right.float().mean()))
+        figures.setdefault(f'valid/recall_{name}', []).append(float(hit))
+    return {name: float(np.mean(values)) for name, values in figures.items()}
