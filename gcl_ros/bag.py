@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+import yaml
 from jaxtyping import Float
 from rosbags.rosbag2 import Reader, ReaderError, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
@@ -28,6 +29,7 @@ from gcl_ros.conversions import (
 STORE = Stores.ROS2_HUMBLE  # the messages used here are the same from Humble to Kilted
 VERSION = 8  # of the metadata; Humble to Iron cannot read 9
 SOURCE, TARGET, TRUTH = '/source/points', '/target/points', '/truth/transform'
+PAIR_LIST = 'gcl_pair_list'  # key of the metadata's custom data
 FRAMES = {'source': 'source/lidar', 'target': 'target/lidar'}
 
 
@@ -89,9 +91,13 @@ def following(sequence: Sequence, distance: float) -> list[tuple[int, int]]:
 
 
 def write_bag(
-    path: Path, encounters: Iterable[Encounter], storage: Literal['mcap', 'sqlite3'] = 'mcap'
+    path: Path,
+    encounters: Iterable[Encounter],
+    storage: Literal['mcap', 'sqlite3'] = 'mcap',
+    *,
+    pair_list: str = 'unlisted pairs',
 ) -> int:
-    """Write encounters; return how many.
+    """Write encounters; return how many. The bag keeps the label of its pair list.
 
     Raises:
         GclError: the folder exists already.
@@ -107,6 +113,7 @@ def write_bag(
             name: writer.add_connection(name, kind, typestore=types)
             for name, kind in ((SOURCE, cloud), (TARGET, cloud), (TRUTH, transform))
         }
+        writer.set_custom_data(PAIR_LIST, pair_list)
         for encounter in encounters:
             stamp = round(encounter.stamp * 1e9)
             for topic, message in _messages(types, encounter, stamp):
@@ -175,6 +182,18 @@ def read_encounters(path: Path) -> Iterator[Encounter]:
                     matrix(waiting[TRUTH].transform),
                 )
                 waiting.clear()
+
+
+def pair_list_label(path: Path) -> str:
+    """Name, size and hash of the pairs in a bag, as `write_bag` was told.
+
+    Raises:
+        GclError: the bag is missing or damaged.
+    """
+    with open_bag(path):
+        metadata = yaml.safe_load((path / 'metadata.yaml').read_text())
+    custom = metadata['rosbag2_bagfile_information'].get('custom_data') or {}
+    return str(custom.get(PAIR_LIST, 'unlisted pairs'))
 
 
 @contextmanager

@@ -16,7 +16,7 @@ from gcl_core.errors import GclError
 from gcl_core.evaluation import peers
 from gcl_core.evaluation.predict import Prediction
 from gcl_core.evaluation.score import markdown, score
-from gcl_ros.bag import Encounter, read_encounters
+from gcl_ros.bag import Encounter, pair_list_label, read_encounters
 from gcl_ros.session import Row, through_node
 
 
@@ -69,7 +69,7 @@ def run(bag: Path, out: Path, *, rate: float, node_arguments: list[str]) -> None
     if len(rows) != len(encounters):
         raise GclError(f'{len(rows)} of {len(encounters)} pairs arrived; see the logs in {out}')
     predictions = _node_predictions(bag, rows) + _peer_predictions(bag, encounters)
-    table = markdown(score(predictions))
+    table = f'{pair_list_label(bag)}\n\n{markdown(score(predictions))}'
     (out / 'table.md').write_text(table + '\n')
     print(table)
 

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from gcl_core.cli.source import add_layout
-from gcl_core.data.formats import open_sequence
-from gcl_core.data.pairs import draw_pairs
+from gcl_core.data.formats import open_sequences
+from gcl_core.data.pair_list import PairList, listed, read_pair_list
+from gcl_core.data.pair_sets import random_set
 from gcl_core.data.sequence import Sequence
 from gcl_core.data.simulator.sequence import SimulatedSequence
 from gcl_core.errors import GclError
@@ -39,6 +42,7 @@ def add_parser(commands: Any) -> None:
         what = kind.add_mutually_exclusive_group(required=True)
         what.add_argument('--distance', type=float, help='the source drives this far ahead, m')
         what.add_argument('--pairs', type=int, help='random pairs in each distance bin')
+        what.add_argument('--list', type=Path, help='pairs that `gcl pairs` listed')
         kind.add_argument('--storage', choices=('mcap', 'sqlite3'), default='mcap')
         kind.add_argument('--period', type=float, default=1.0, help='seconds between pairs')
         kind.add_argument('--every', type=int, default=1, help='take every n-th pair')
@@ -49,28 +53,43 @@ def add_parser(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Write the bag."""
-    from gcl_ros.bag import following, pair_encounters, write_bag
+    from gcl_ros.bag import pair_encounters, write_bag
 
     if options.every < 1 or options.period <= 0:
         raise GclError('--every must be at least 1 and --period positive')
-    sequence: Sequence
+    sequences: Mapping[str, Sequence]
     if options.kind == 'from-simulator':
-        sequence = SimulatedSequence(options.world)
+        sequences = {str(options.world): SimulatedSequence(options.world)}
     else:
         layout = 'kitti' if options.kind == 'from-kitti' else options.format
-        sequence = open_sequence(options.root, options.sequence, layout=layout)
-    if options.distance is not None:
-        pairs = following(sequence, options.distance)
-    else:
-        drawn = draw_pairs(sequence, per_bin=options.pairs, seed=options.seed)
-        pairs = [(pair.source, pair.target) for pair in drawn]
+        names = [options.sequence] if options.sequence else None
+        sequences = open_sequences(options.root, names, layout=layout)
+    ((name, sequence),) = sequences.items()
+    pairs = _pairs(options, name, sequence)
+    pairs = replace(pairs, pairs=pairs.pairs[:: options.every])
     encounters = pair_encounters(
         sequence,
         sequence,
-        pairs[:: options.every],
+        [(pair.source, pair.target) for pair in pairs.of(name, sequence)],
         options.period,
         random_yaw_seed=options.seed if options.random_yaw else None,
     )
-    count = write_bag(options.bag, encounters, options.storage)
+    count = write_bag(options.bag, encounters, options.storage, pair_list=pairs.label)
     print(f'wrote {count} pairs to {options.bag}')
     return 0
+
+
+def _pairs(options: argparse.Namespace, name: str, sequence: Sequence) -> PairList:
+    """The pairs of one drive, read or drawn."""
+    from gcl_ros.bag import following
+
+    if options.list:
+        pairs = read_pair_list(options.list)
+        own = tuple(pair for pair in pairs.pairs if pair.sequence == name)
+        if not own:
+            raise GclError(f'{options.list} lists no pair of {name}')
+        return replace(pairs, pairs=own)
+    if options.distance is not None:
+        ahead = listed(name, following(sequence, options.distance))
+        return PairList(f'{sequence.name} following at {options.distance:g} m', ahead)
+    return random_set({name: sequence}, per_bin=options.pairs, seed=options.seed)

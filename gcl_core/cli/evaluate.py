@@ -91,6 +91,8 @@ def run(options: argparse.Namespace) -> int:
 def _pairs(options: argparse.Namespace) -> tuple[PairList, dict[str, Sequence]]:
     """The list, read or drawn, and its sequences by the list's names."""
     names = [options.sequence] if options.sequence else None
+    if options.simulated is not None:
+        names = [str(options.simulated)]
     if options.pairs:
         pairs = read_pair_list(options.pairs)
         names = names or list(pairs.sequences)

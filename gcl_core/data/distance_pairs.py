@@ -6,15 +6,16 @@ public code. What was checked against KITTI's ground-truth poses of 08, 09 and 1
 - LoKITTI's 545 pairs (public list) are the low-overlap part of such draws with 11 frames between
   the starts (`dense_rule`): all 545 first frames come out, so seed, generator (numpy's legacy
   `RandomState`), start, window and the order of draws are right. 389 second frames are equal, 531
-  at most one frame off: the list was drawn on SemanticKITTI's SuMa poses, not on GPS.
+  at most one frame off, in both directions: as other poses would do, and the public code has an
+  option for SemanticKITTI's (SuMa). Those were not at hand here.
 - The test sets come out as 206, 144 and 111 pairs at 20-30, 30-40 and 40-50 m; the sizes inferred
   from published recalls are 205, 145 and 111. No change of rule on GPS poses gives all three: >=
   for > 206/144/111; camera for LiDAR positions the same; planar distance 205/144/111; default_rng
   204/145/112; surroundings of the first frame alone 207/146/112; window 100 203/143/112; start at
   frame 0 219/155/116; first frame beyond d as the partner 198/142/109; no new draw after a failure
   204/144/111; surroundings as far as b2 206/140/103. Poses changed by 0.3 % in scale and a random
-  walk of 1 cm a scan (30 seeds) give 203-206, 143-145 and 110-113, twice just 205/145/111: the
-  difference is that between two sets of poses. For a published table use SemanticKITTI's.
+  walk of 1 cm a scan (30 seeds) give 203-206, 143-145 and 110-113, twice just 205/145/111: other
+  poses are the likely cause. For a table beside published ones take SemanticKITTI's.
 - The other two sets come out as 674 (5-10 m) and 341 pairs (10-20 m; recalls say 342).
 - FCGF's protocol gives the 555 pairs that are reported for it.
 """

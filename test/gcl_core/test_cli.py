@@ -133,6 +133,8 @@ def test_lists_of_other_drives_are_refused(tmp_path, folder, capsys):
     assert 'lists scan 500 of a, but folder/a has 29 scans' in capsys.readouterr().err
     assert main([*arguments, '--sequence', 'b']) == 2
     assert 'lists no pair of b' in capsys.readouterr().err
+    assert main(['evaluate', '--simulated', '3', *arguments[3:]]) == 2
+    assert 'lists no pair of 3' in capsys.readouterr().err
 
 
 def test_train_writes_weights_that_register_reads(tmp_path, pair, capsys):

@@ -5,6 +5,7 @@ from rosbags.typesys import get_typestore
 from gcl_core import se3
 from gcl_core.cli.main import main
 from gcl_core.data.clouds import write_cloud
+from gcl_core.data.pair_list import read_pair_list
 from gcl_core.errors import GclError
 from gcl_core.types import PointCloud
 from gcl_ros.bag import (
@@ -16,6 +17,7 @@ from gcl_ros.bag import (
     following,
     open_bag,
     pair_encounters,
+    pair_list_label,
     read_encounters,
     write_bag,
 )
@@ -102,7 +104,7 @@ def test_bag_from_simulator_pairs(tmp_path):
     assert len(read(tmp_path / 'b')) == 3
 
 
-def test_bag_from_a_folder(tmp_path, drive):
+def test_bag_from_a_folder_names_its_pairs(tmp_path, drive, capsys):
     (tmp_path / 'scans').mkdir()
     poses = []
     for i in (90, 97):
@@ -114,3 +116,12 @@ def test_bag_from_a_folder(tmp_path, drive):
     (encounter,) = read_encounters(tmp_path / 'b')
     T = se3.inverse(drive.T_world_lidar(90)) @ drive.T_world_lidar(97)
     np.testing.assert_allclose(encounter.T_target_source, T, atol=1e-9)
+    assert pair_list_label(tmp_path / 'b').startswith('folder/scans following at 6 m, 1 pairs')
+    listing = tmp_path / 'l.txt'
+    assert main(['pairs', str(listing), '--data', str(tmp_path / 'scans'), '--random', '1']) == 0
+    arguments = ['bag', 'from-data', str(tmp_path / 'scans'), str(tmp_path / 'c')]
+    assert main([*arguments, '--list', str(listing)]) == 0
+    assert pair_list_label(tmp_path / 'c') == read_pair_list(listing).label
+    listing.write_text('other 0 1\n')
+    assert main([*arguments, '--list', str(listing)]) == 2
+    assert 'lists no pair of scans' in capsys.readouterr().err
