@@ -17,14 +17,45 @@ _FLOAT32 = 7
 
 
 def point_cloud(message: Any) -> PointCloud:
-    """Read x, y, z of a `sensor_msgs/PointCloud2`, any layout and byte order.
+    """Read x, y, z of a `sensor_msgs/PointCloud2`, any layout and byte order, in metres.
+
+    Points that are not finite are left out.
 
     Raises:
         GclError: no points, a field missing or not a float, sizes that do not add up, or no finite
             point.
     """
-    count = int(message.width) * int(message.height)
     name = f'cloud in frame {message.header.frame_id!r}'
+    check_size(message, name)
+    fields = {field.name: field for field in message.fields}
+    for axis in 'xyz':
+        if axis not in fields:
+            raise GclError(f'{name} has no field {axis!r}; it has {", ".join(fields) or "none"}')
+        kind = _DATATYPES.get(fields[axis].datatype, '')
+        if kind not in ('f4', 'f8'):
+            raise GclError(
+                f'{name}: field {axis!r} has datatype {fields[axis].datatype}, not a float'
+            )
+        if fields[axis].count > 1:
+            raise GclError(f'{name}: field {axis!r} has {fields[axis].count} values a point')
+    points = _packed(message, fields, name)
+    with np.errstate(over='ignore', invalid='ignore'):
+        all_finite = np.isfinite(points.sum())  # finite only if all of it is
+    if not all_finite:
+        x, y, z = np.isfinite(points).T
+        points = np.compress(x & y & z, points, axis=0)
+    if len(points) == 0:
+        raise GclError(f'{name}: none of its points is finite; check the sensor')
+    return PointCloud(points)
+
+
+def check_size(message: Any, name: str) -> None:
+    """Check that the bytes of a PointCloud2 are as many as it claims.
+
+    Raises:
+        GclError: it is empty, or too short.
+    """
+    count = int(message.width) * int(message.height)
     if count == 0:
         raise GclError(f'{name} is empty; check the driver')
     step, row_step = int(message.point_step), int(message.row_step)
@@ -32,29 +63,37 @@ def point_cloud(message: Any) -> PointCloud:
         raise GclError(
             f'{name} claims {count} points of {step} bytes but carries {len(message.data)} bytes'
         )
-    order = '>' if message.is_bigendian else '<'
-    fields = {field.name: field for field in message.fields}
-    formats, offsets = [], []
-    for axis in ('x', 'y', 'z'):
-        field = fields.get(axis)
-        if field is None:
-            raise GclError(f'{name} has no field {axis!r}; it has {", ".join(fields) or "none"}')
-        kind = _DATATYPES.get(field.datatype, '')
-        if kind not in ('f4', 'f8'):
-            raise GclError(f'{name}: field {axis!r} has datatype {field.datatype}, not a float')
-        if field.offset + int(kind[1]) > step:
-            raise GclError(f'{name}: field {axis!r} lies outside the {step} bytes of a point')
-        formats.append(order + kind)
-        offsets.append(field.offset)
-    layout = np.dtype(
-        {'names': ['x', 'y', 'z'], 'formats': formats, 'offsets': offsets, 'itemsize': step}
+
+
+def column(message: Any, field: Any, name: str) -> np.ndarray:
+    """View one field of a PointCloud2 of the right size: (height, width) or with its count.
+
+    Raises:
+        GclError: it lies outside the point, or has no known datatype.
+    """
+    kind = _DATATYPES.get(field.datatype)
+    if kind is None:
+        raise GclError(f'{name}: field {field.name!r} has the unknown datatype {field.datatype}')
+    size, count, step = int(kind[1]), max(int(field.count), 1), int(message.point_step)
+    if field.offset + size * count > step:
+        raise GclError(f'{name}: field {field.name!r} lies outside the {step} bytes of a point')
+    return np.ndarray(
+        shape=(int(message.height), int(message.width), *([count] if count > 1 else [])),
+        dtype=('>' if message.is_bigendian else '<') + kind,
+        buffer=memoryview(message.data),
+        offset=int(field.offset),
+        strides=(int(message.row_step), step, *([size] if count > 1 else [])),
     )
-    data = np.frombuffer(memoryview(message.data), dtype=np.uint8)
-    rows = data[: row_step * int(message.height)].reshape(int(message.height), row_step)
-    packed = np.ascontiguousarray(rows[:, : step * int(message.width)])
-    points = packed.reshape(-1).view(layout)
-    xyz = np.stack([points['x'], points['y'], points['z']], axis=1)
-    return PointCloud.from_array(xyz, name)
+
+
+def _packed(message: Any, fields: dict[str, Any], name: str) -> np.ndarray:
+    """Copy x, y, z into one (n, 3) array of float32."""
+    columns = [column(message, fields[axis], name) for axis in 'xyz']
+    points = np.empty((columns[0].size, 3), dtype=np.float32)
+    with np.errstate(over='ignore', invalid='ignore'):  # too large for float32: not finite
+        for axis, values in enumerate(columns):
+            points[:, axis] = values.reshape(-1)
+    return points
 
 
 def fill_point_cloud2(message: Any, points: np.ndarray, field_type: Any) -> Any:

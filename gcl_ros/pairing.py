@@ -4,10 +4,31 @@ from __future__ import annotations
 
 import threading
 from collections import deque
+from dataclasses import dataclass, replace
 from typing import Generic, Literal, TypeVar
 
 M = TypeVar('M')
 Side = Literal['source', 'target']
+JUMP = 1.0  # seconds back: a bag that starts again or a clock that was set, not mere disorder
+
+
+@dataclass(frozen=True)
+class Counts:
+    """What became of the messages since the last reset.
+
+    Attributes:
+        pairs: pairs found.
+        replaced: pairs that a newer one replaced before anybody took them.
+        unpaired: messages without a partner.
+        late: pairs older than one found before.
+        jumps: jumps of the stamps back in time.
+    """
+
+    pairs: int = 0
+    replaced: int = 0
+    unpaired: int = 0
+    late: int = 0
+    jumps: int = 0
 
 
 class Pairing(Generic[M]):
@@ -16,62 +37,103 @@ class Pairing(Generic[M]):
     Args:
         max_dt: largest difference of the two stamps, seconds.
         depth: messages kept on each side while their partner may still come.
+        on_demand: pairs wait until `ask` is called.
     """
 
-    def __init__(self, max_dt: float, depth: int = 10) -> None:
-        self._max_dt = max_dt
-        self._waiting: dict[Side, deque[tuple[float, M]]] = {
-            'source': deque(maxlen=depth),
-            'target': deque(maxlen=depth),
-        }
-        self._newest: tuple[M, M] | None = None
-        self._newest_stamp = float('-inf')
+    def __init__(self, max_dt: float, depth: int = 10, *, on_demand: bool = False) -> None:
+        self.max_dt, self.on_demand = max_dt, on_demand
+        self.counts = Counts()
+        self._depth = depth
         self._ready = threading.Condition()
-        self._closed = False
-        self.dropped = 0
+        self._asked = self._closed = False
+        self._forget_all()
+
+    def _forget_all(self) -> None:
+        self._waiting: dict[Side, deque[tuple[float, M]]] = {'source': deque(), 'target': deque()}
+        self._last: dict[Side, float] = {}
+        self._newest: tuple[M, M] | None = None
+        self._taken: tuple[M, M] | None = None
+        self._newest_stamp = float('-inf')
+
+    def _count(self, **more: int) -> None:
+        now = {name: getattr(self.counts, name) + number for name, number in more.items()}
+        self.counts = replace(self.counts, **now)
 
     def add(self, side: Side, stamp: float, message: M) -> None:
         """Take a message; wake the consumer if it completes a pair newer than any before."""
         other: Side = 'target' if side == 'source' else 'source'
         with self._ready:
+            if stamp < self._last.get(side, stamp) - JUMP:
+                self._forget_all()
+                self._count(jumps=1)
+            self._last[side] = stamp
             candidates = self._waiting[other]
             partner = min(candidates, key=lambda item: abs(item[0] - stamp), default=None)
-            if partner is None or abs(partner[0] - stamp) > self._max_dt:
-                self._waiting[side].append((stamp, message))
+            if partner is None or abs(partner[0] - stamp) > self.max_dt:
+                self._keep(side, stamp, message)
                 return
             self._forget(other, partner[0])
             self._forget(side, stamp)
+            self._count(unpaired=-1, pairs=1)  # the partner was forgotten, but not alone
             newest = max(stamp, partner[0])
             if newest < self._newest_stamp:
+                self._count(late=1)
                 return
             self._newest_stamp = newest
-            self.dropped += self._newest is not None
+            self._count(replaced=self._newest is not None)
             pair = (message, partner[1])
             self._newest = pair if side == 'source' else (pair[1], pair[0])
             self._ready.notify()
+
+    def _keep(self, side: Side, stamp: float, message: M) -> None:
+        """Let a message wait for its partner; the oldest goes when there are too many."""
+        waiting = self._waiting[side]
+        waiting.append((stamp, message))
+        if len(waiting) > self._depth:
+            waiting.popleft()
+            self._count(unpaired=1)
 
     def _forget(self, side: Side, stamp: float) -> None:
         """Drop what is not newer than a message that has just been paired."""
         waiting = self._waiting[side]
         kept = [item for item in waiting if item[0] > stamp]
+        self._count(unpaired=len(waiting) - len(kept))
         waiting.clear()
         waiting.extend(kept)
+
+    def offset(self) -> float | None:
+        """Newest stamp of the source minus that of the target, seconds; None without either."""
+        with self._ready:
+            if len(self._last) < 2:
+                return None
+            return self._last['source'] - self._last['target']
+
+    def ask(self) -> bool:
+        """Offer the newest pair, taken before or not; false when there is none."""
+        with self._ready:
+            self._asked = self._newest is not None or self._taken is not None
+            self._ready.notify()
+            return self._asked
 
     def take(self) -> tuple[M, M] | None:
         """Wait for the newest (source, target); None once closed."""
         with self._ready:
-            self._ready.wait_for(lambda: self._newest is not None or self._closed)
+            self._ready.wait_for(self._due)
             if self._closed:
                 return None
-            pair, self._newest = self._newest, None
+            pair = self._newest or self._taken
+            self._newest, self._taken, self._asked = None, pair, False
             return pair
+
+    def _due(self) -> bool:
+        return self._closed or self._asked or (self._newest is not None and not self.on_demand)
 
     def reset(self) -> None:
         """Forget everything, as after a jump back in time."""
         with self._ready:
-            for waiting in self._waiting.values():
-                waiting.clear()
-            self._newest, self._newest_stamp = None, float('-inf')
+            self._asked = False
+            self._forget_all()
+            self.counts = Counts()
 
     def close(self) -> None:
         """Wake the consumer for good."""

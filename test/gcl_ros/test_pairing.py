@@ -31,7 +31,7 @@ def test_newest_pair_replaces_the_one_that_waits():
         pairing.add('source', float(i), f's{i}')
         pairing.add('target', float(i), f't{i}')
     assert pairing.take() == ('s4', 't4')
-    assert pairing.dropped == 4
+    assert pairing.counts.replaced == 4
 
 
 def test_late_pair_does_not_replace_a_newer_one():
@@ -62,3 +62,48 @@ def test_close_wakes_the_consumer():
     pairing.close()
     thread.join(timeout=5)
     assert result == [None]
+
+
+def test_stamps_that_jump_back_start_anew():
+    pairing = Pairing(max_dt=0.05)
+    for stamp in (100.0, 3.0):
+        pairing.add('source', stamp, f's{stamp:.0f}')
+        pairing.add('target', stamp, f't{stamp:.0f}')
+    assert pairing.take() == ('s3', 't3')
+    assert pairing.counts.jumps == 1
+
+
+def test_every_message_without_a_partner_is_counted():
+    pairing = Pairing(max_dt=0.05, depth=3)
+    for i in range(5):
+        pairing.add('source', float(i), f's{i}')
+    assert pairing.counts.unpaired == 2
+    pairing.add('target', 4.0, 't4')
+    assert (pairing.counts.unpaired, pairing.counts.pairs) == (4, 1)
+    assert pairing.take() == ('s4', 't4')
+
+
+def test_clocks_that_differ_show_as_an_offset():
+    pairing = Pairing(max_dt=0.05)
+    assert pairing.offset() is None
+    pairing.add('source', 107.5, 's')
+    pairing.add('target', 100.0, 't')
+    assert pairing.offset() == 7.5
+    assert take_now(pairing) is None
+
+
+def test_on_demand_pairs_wait_until_they_are_asked_for():
+    pairing = Pairing(max_dt=0.05, on_demand=True)
+    assert not pairing.ask()
+    result = []
+    thread = threading.Thread(target=lambda: result.append(pairing.take()))
+    thread.start()
+    pairing.add('source', 1.0, 's')
+    pairing.add('target', 1.0, 't')
+    thread.join(timeout=0.2)
+    assert not result
+    assert pairing.ask()
+    thread.join(timeout=5)
+    assert result == [('s', 't')]
+    assert pairing.ask()  # the same pair once more
+    assert pairing.take() == ('s', 't')
