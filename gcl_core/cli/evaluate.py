@@ -17,7 +17,9 @@ from gcl_core.data.pairs import draw_pairs
 from gcl_core.data.sequence import Sequence
 from gcl_core.data.simulator.sequence import SimulatedSequence
 from gcl_core.errors import GclError
+from gcl_core.estimation.estimators import ESTIMATORS
 from gcl_core.evaluation import peers
+from gcl_core.evaluation.compare import FEATURES, PAPER, compare
 from gcl_core.evaluation.predict import Method, predict
 from gcl_core.evaluation.score import markdown, score
 from gcl_core.registrar import Registrar, RegistrarConfig
@@ -43,6 +45,16 @@ def add_parser(commands: Any) -> None:
     parser.add_argument('--seed', type=int, default=0, help='of the pairs and of the headings')
     parser.add_argument('--random-yaw', action='store_true', help='turn each source at random')
     parser.add_argument('--peers', nargs='*', default=[], choices=sorted(PEERS), help='also run')
+    parser.add_argument(
+        '--estimators',
+        nargs='+',
+        default=[],
+        choices=(*ESTIMATORS, PAPER),
+        help='compare estimators instead: best-supported transform, refined, none withheld',
+    )
+    parser.add_argument(
+        '--features', nargs='+', default=list(FEATURES), choices=FEATURES, help='for estimators'
+    )
     parser.add_argument('--out', type=Path, help='write predictions and rows as JSON here')
     parser.set_defaults(run=run)
 
@@ -59,16 +71,24 @@ def run(options: argparse.Namespace) -> int:
     config = load_config(RegistrarConfig, options.config) if options.config else RegistrarConfig()
     registrar = Registrar(config)
 
-    def ours(source: PointCloud, target: PointCloud) -> Any:
-        return registrar.register(source=source, target=target).T_target_source
-
-    methods: dict[str, Method] = {'GCL-ROS': ours}
-    methods.update({name: PEERS[name] for name in options.peers})
     pairs = draw_pairs(sequence, per_bin=options.per_bin, seed=options.seed)
     if not pairs:
         raise GclError(f'{sequence.name} has no two scans 5 to 50 m apart')
     yaw_seed = options.seed if options.random_yaw else None
-    steps = predict(methods, sequence, tqdm(pairs, unit='pair'), random_yaw_seed=yaw_seed)
+    bar = tqdm(pairs, unit='pair')
+    if options.estimators:
+        steps = compare(
+            registrar,
+            options.estimators,
+            options.features,
+            sequence,
+            bar,
+            random_yaw_seed=yaw_seed,
+        )
+    else:
+        methods: dict[str, Method] = {'GCL-ROS': _accepted(registrar)}
+        methods.update({name: PEERS[name] for name in options.peers})
+        steps = predict(methods, sequence, bar, random_yaw_seed=yaw_seed)
     predictions = list(steps)
     rows = score(predictions)
     print(f'{sequence.name}, source turned {"at random" if options.random_yaw else "not"}')
@@ -83,3 +103,11 @@ def run(options: argparse.Namespace) -> int:
         }
         options.out.write_text(json.dumps(content, default=lambda a: a.tolist()) + '\n')
     return 0
+
+
+def _accepted(registrar: Registrar) -> Method:
+    def ours(source: PointCloud, target: PointCloud) -> Any:
+        result = registrar.register(source=source, target=target)
+        return result.T_target_source if result.accepted else None
+
+    return ours
