@@ -58,6 +58,7 @@ setup(
             'colcon-package-selection',
             'catkin-pkg',
         ],
+        'kiss': ['kiss-matcher>=1.0'],  # one more estimator, for comparison
         'dev': ['ruff', 'mypy', 'types-PyYAML'],
     },
     entry_points={
