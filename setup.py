@@ -10,8 +10,13 @@ ROS_PACKAGES = [
     'rmw-fastrtps-cpp',
     'sensor-msgs',
     'geometry-msgs',
+    'nav-msgs',
     'rosgraph-msgs',
     'rcl-interfaces',
+    'lifecycle-msgs',
+    'diagnostic-msgs',
+    'visualization-msgs',
+    'std-srvs',
 ]
 
 setup(
@@ -28,6 +33,8 @@ setup(
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml']),
         (f'share/{NAME}/config', glob('config/*')),
+        (f'share/{NAME}/launch', glob('launch/*.launch.py')),
+        (f'share/{NAME}/rviz', glob('rviz/*')),
     ],
     install_requires=[
         'torch>=2.4',
@@ -64,7 +71,9 @@ setup(
     entry_points={
         'console_scripts': [
             'registrar = gcl_ros.registrar_node:main',
+            'describer = gcl_ros.describer_node:main',
             'replay = gcl_ros.replay:main',
+            'evaluate_bag = gcl_ros.evaluate_bag:main',
             'gcl = gcl_core.cli.main:main',
         ]
     },

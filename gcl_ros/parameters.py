@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, TypeVar
+from collections.abc import Mapping
+from typing import Any, Generic, TypeVar
 
-from rcl_interfaces.msg import ParameterDescriptor
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.exceptions import InvalidParameterValueException
 from rclpy.node import Node
 
 from gcl_core.config import from_mapping
 from gcl_core.errors import GclError
+from gcl_ros.field_docs import choices, descriptions
+from gcl_ros.ranges import range_of
 
-T = TypeVar('T')
+C = TypeVar('C')
 BUILT_IN = ('use_sim_time', 'start_type_description_service', 'qos_overrides')
 
 
@@ -27,25 +31,95 @@ def flatten(config: Any, prefix: str = '') -> dict[str, Any]:
     return values
 
 
-def declare(node: Node, kind: type[T]) -> T:
-    """Declare every field of `kind` on the node and read the values back.
+class Parameters(Generic[C]):
+    """The parameters of a node, one for each field of a config dataclass.
 
-    Raises:
-        GclError: a parameter was given that does not exist, or a value does not fit.
+    What is given at start is kept as it is, right or wrong, until `read` says what is wrong: a
+    node that starts with a wrong value lives, and the value can be set right.
+
+    Args:
+        node: to declare them on.
+        kind: the dataclass; its docstring gives the descriptions.
     """
-    defaults = flatten(kind())
-    given = list(node._parameter_overrides)  # no public way to see overrides before declaring
-    unknown = [n for n in given if n not in defaults and not n.startswith(BUILT_IN)]
-    if unknown:
-        known = ', '.join(defaults)
-        raise GclError(f'unknown parameter {", ".join(sorted(unknown))}; known are {known}')
+
+    def __init__(self, node: Node, kind: type[C]) -> None:
+        self._node, self._kind = node, kind
+        self.defaults = flatten(kind())
+        given = list(node._parameter_overrides)  # no public way to see them before declaring
+        self._unknown = [
+            name for name in given if name not in self.defaults and not name.startswith(BUILT_IN)
+        ]
+        self._refused: dict[str, str] = {}
+        texts, allowed = descriptions(kind), choices(kind)
+        for name, default in self.defaults.items():
+            self._declare(name, default, _descriptor(name, default, texts[name], allowed))
+
+    def _declare(self, name: str, default: Any, descriptor: ParameterDescriptor) -> None:
+        try:
+            self._node.declare_parameter(name, default, descriptor)
+        except InvalidParameterValueException as error:
+            self._refused[name] = str(error)
+            self._node.declare_parameter(name, default, descriptor, ignore_override=True)
+
+    def read(self, changes: Mapping[str, Any] | None = None) -> C:
+        """Build the config from the values set, with changes to come.
+
+        Raises:
+            GclError: a parameter was given that does not exist, or a value does not fit.
+        """
+        if self._unknown:
+            raise GclError(
+                f'unknown parameter {", ".join(sorted(self._unknown))}; known are '
+                f'{", ".join(self.defaults)}'
+            )
+        changes = changes or {}
+        for name, reason in self._refused.items():
+            if name not in changes:
+                raise GclError(reason)
+        values = {
+            name: changes.get(name, self._node.get_parameter(name).value) for name in self.defaults
+        }
+        for name, value in values.items():
+            _check_range(name, value)
+        return from_mapping(self._kind, _nested(values), f'parameters of {self._node.get_name()}')
+
+    def settled(self, names: Mapping[str, Any]) -> None:
+        """Forget what was wrong with the start values of parameters that have been set since."""
+        for name in names:
+            self._refused.pop(name, None)
+
+
+def _check_range(name: str, value: Any) -> None:
+    """Refuse a number outside its range; ROS itself lets integers through where floats belong."""
+    limits = range_of(name)
+    if limits and isinstance(value, int | float) and not limits[0] <= value <= limits[1]:
+        low, high = limits
+        raise GclError(f'{name} is {value}; it must lie between {low:g} and {high:g}')
+
+
+def _descriptor(
+    name: str, default: Any, text: str, allowed: Mapping[str, tuple[Any, ...]]
+) -> ParameterDescriptor:
+    # Dynamic typing: `reach:=2` is a fine float, and a wrong type is refused with a reason.
+    descriptor = ParameterDescriptor(description=text, dynamic_typing=True)
+    if name in allowed:
+        descriptor.additional_constraints = f'one of {", ".join(map(str, allowed[name]))}'
+    if limits := range_of(name):
+        low, high = limits
+        if isinstance(default, int):
+            descriptor.integer_range = [IntegerRange(from_value=int(low), to_value=int(high))]
+        else:
+            between = FloatingPointRange(from_value=float(low), to_value=float(high))
+            descriptor.floating_point_range = [between]
+    return descriptor
+
+
+def _nested(values: Mapping[str, Any]) -> dict[str, Any]:
     nested: dict[str, Any] = {}
-    descriptor = ParameterDescriptor(read_only=True, dynamic_typing=True)
-    for name, default in defaults.items():
-        value = node.declare_parameter(name, default, descriptor).value
+    for name, value in values.items():
         target = nested
         *path, leaf = name.split('.')
         for part in path:
             target = target.setdefault(part, {})
         target[leaf] = value
-    return from_mapping(kind, nested, f'parameters of {node.get_name()}')
+    return nested

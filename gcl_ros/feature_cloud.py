@@ -1,0 +1,144 @@
+"""Features of a scan as a PointCloud2: what one vehicle sends to another instead of its points.
+
+Format, version 1. A row (`height`) for each heading that the scan was described at: row k after a
+turn by 2 pi k / height about z. As many key points in each row (`width`). A point has 38 bytes:
+
+    x, y, z     INT16          position in the sensor's frame, in 1/256 m
+    gcl1_HASH   INT8 x 32      descriptor, of unit length when divided by 127
+
+The name of the last field tells the format's version and the weights that described the scan, by
+the first 12 digits of a SHA-256 of their values: descriptors of different weights do not match.
+1,000 key points at one heading are 38,000 bytes.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+import torch
+
+from gcl_core import se3
+from gcl_core.errors import GclError
+from gcl_core.matching.keypoints import choose
+from gcl_core.models.resunet import ResUNet
+from gcl_core.types import Features
+from gcl_ros.conversions import check_size, column
+
+VERSION = 1
+UNIT = 256  # of a metre; int16 reaches 128 m
+SCALE = 127  # of a descriptor
+_INT8, _INT16 = 1, 3  # sensor_msgs/PointField datatypes
+_NAME = re.compile(r'gcl(\d+)_(\w+)')
+
+
+def weights_hash(model: ResUNet) -> str:
+    """First 12 digits of the SHA-256 of a network's shape and values."""
+    digest = hashlib.sha256(json.dumps(asdict(model.config), sort_keys=True).encode())
+    for name, tensor in sorted(model.state_dict().items()):
+        digest.update(name.encode())
+        digest.update(tensor.detach().contiguous().numpy().tobytes())
+    return digest.hexdigest()[:12]
+
+
+def is_feature_cloud(message: Any) -> bool:
+    """Whether a PointCloud2 carries features, of whatever version."""
+    return any(_NAME.fullmatch(field.name) for field in message.fields)
+
+
+def turns_of(number: int) -> list[np.ndarray]:
+    """T_turned_lidar of so many evenly spaced headings."""
+    return [se3.from_xyz_rpy(yaw=2 * np.pi * k / number) for k in range(number)]
+
+
+def fill_feature_cloud(
+    message: Any, headings: list[Features], weights: str, limit: int, field_type: Any
+) -> Any:
+    """Fill an empty PointCloud2 with features; returns it.
+
+    Args:
+        message: sensor_msgs/PointCloud2.
+        headings: features in the frames turned by `turns_of(len(headings))`.
+        weights: `weights_hash` of what described them.
+        limit: most key points of a heading; fewer if a heading has fewer.
+        field_type: sensor_msgs/PointField.
+    """
+    width = min(limit, *(len(features) for features in headings))
+    length = headings[0].descriptors.shape[1]
+    layout = np.dtype([('position', '<i2', 3), ('descriptor', 'i1', length)])
+    cells = np.zeros((len(headings), width), layout)
+    for row, (features, turn) in enumerate(zip(headings, turns_of(len(headings)), strict=True)):
+        chosen = choose(features, width)
+        points = se3.transform(se3.inverse(turn), chosen.points.double().numpy())
+        cells[row]['position'] = np.clip(np.rint(points * UNIT), -32768, 32767)
+        cells[row]['descriptor'] = np.rint(chosen.descriptors.float().numpy() * SCALE)
+    message.height, message.width = cells.shape
+    message.fields = [
+        *(field_type(name=a, offset=2 * i, datatype=_INT16, count=1) for i, a in enumerate('xyz')),
+        field_type(name=f'gcl{VERSION}_{weights}', offset=6, datatype=_INT8, count=length),
+    ]
+    message.is_bigendian, message.is_dense = False, True
+    message.point_step, message.row_step = layout.itemsize, layout.itemsize * width
+    message.data = cells.tobytes()
+    return message
+
+
+def feature_cloud(message: Any, weights: str, length: int = 32) -> list[Features]:
+    """Read a feature cloud: features at each heading, in the frames of `turns_of`.
+
+    Args:
+        message: sensor_msgs/PointCloud2.
+        weights: `weights_hash` of the reader's network.
+        length: of its descriptors.
+
+    Raises:
+        GclError: another version, other weights, or not as the format says.
+    """
+    name = f'feature cloud in frame {message.header.frame_id!r}'
+    fields = {field.name: field for field in message.fields}
+    descriptor = _descriptor_field(fields, name, weights)
+    check_size(message, name)
+    expected = {'x': (_INT16, 1), 'y': (_INT16, 1), 'z': (_INT16, 1)}
+    expected[descriptor] = (_INT8, length)
+    for key, (datatype, count) in expected.items():
+        field = fields.get(key)
+        if field is None or (field.datatype, max(field.count, 1)) != (datatype, count):
+            raise GclError(f'{name}: field {key!r} is missing or not as format {VERSION} says')
+    positions = np.stack([column(message, fields[a], name) for a in 'xyz'], axis=2) / UNIT
+    values = column(message, fields[descriptor], name).astype(np.float32)
+    norms = np.linalg.norm(values, axis=2, keepdims=True)
+    if not norms.all():
+        raise GclError(f'{name}: a descriptor is zero')
+    return [
+        Features(
+            torch.from_numpy(se3.transform(turn, points).astype(np.float32)),
+            torch.from_numpy(vectors / norm),
+        )
+        for turn, points, vectors, norm in zip(
+            turns_of(len(values)), positions, values, norms, strict=True
+        )
+    ]
+
+
+def _descriptor_field(fields: dict[str, Any], name: str, weights: str) -> str:
+    """Name of the descriptors' field, if it is of this version and these weights."""
+    key = next((key for key in fields if _NAME.fullmatch(key)), '')
+    match = _NAME.fullmatch(key)
+    if match is None:
+        raise GclError(f'{name} has no field of features; it has {", ".join(fields) or "none"}')
+    version, theirs = match.groups()
+    if int(version) != VERSION:
+        raise GclError(
+            f'{name} has format {version}, this node reads {VERSION}: run the same release of '
+            'gcl_ros on both vehicles'
+        )
+    if theirs != weights:
+        raise GclError(
+            f'{name} was described by the weights {theirs}, this node has {weights}: set the same '
+            'weights on both vehicles'
+        )
+    return key

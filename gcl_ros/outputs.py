@@ -1,0 +1,132 @@
+"""What the registrar publishes about an accepted pair."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from geometry_msgs.msg import Point, PoseWithCovarianceStamped, TransformStamped
+from rclpy.node import Node
+from sensor_msgs.msg import PointCloud2, PointField
+from visualization_msgs.msg import Marker
+
+from gcl_core import se3
+from gcl_core.errors import GclError
+from gcl_core.types import Correspondences, PointCloud, Registration
+from gcl_ros.conversions import fill_point_cloud2, fill_transform, seconds
+
+MATCH_WIDTH = 0.05  # metres
+
+
+class Outputs:
+    """Publishers of the registrar, made on configure and destroyed on cleanup.
+
+    Args:
+        node: to publish from.
+        tf: broadcast the transform on /tf too.
+        aligned: publish the source cloud in the target's frame.
+        matches: publish the correspondences that agree as lines.
+
+    Raises:
+        GclError: /tf is asked for where tf2_ros is not installed.
+    """
+
+    def __init__(self, node: Node, *, tf: bool, aligned: bool, matches: bool) -> None:
+        self._node = node
+        self._broadcaster = _tf_broadcaster(node) if tf else None
+        create = node.create_publisher
+        self._transform = create(TransformStamped, '~/transform', 10)
+        self._pose = create(PoseWithCovarianceStamped, '~/pose', 10)
+        self._aligned = create(PointCloud2, '~/aligned', 1) if aligned else None
+        self._matches = create(Marker, '~/matches', 1) if matches else None
+
+    @property
+    def wants_matches(self) -> bool:
+        """Whether somebody looks at the matches."""
+        return self._matches is not None and self._matches.get_subscription_count() > 0
+
+    def publish(
+        self,
+        result: Registration,
+        *,
+        source: Any,
+        target: Any,
+        cloud: PointCloud | None,
+        matches: Correspondences | None,
+    ) -> None:
+        """Publish an accepted registration.
+
+        Args:
+            result: with a transform.
+            source: message; its frame becomes the child.
+            target: message; its frame becomes the parent.
+            cloud: points of the source.
+            matches: correspondences that agree with the transform.
+        """
+        T = result.T_target_source
+        message = TransformStamped()
+        message.header.stamp = max(source, target, key=_stamp).header.stamp
+        message.header.frame_id = target.header.frame_id
+        message.child_frame_id = source.header.frame_id
+        fill_transform(message.transform, T)
+        self._transform.publish(message)
+        if self._broadcaster is not None:
+            self._broadcaster.sendTransform(message)
+        if result.covariance is not None:
+            self._pose.publish(_pose(message, result.covariance))
+        if self._aligned is not None and cloud is not None:
+            points = se3.transform(T, cloud.points)
+            aligned = fill_point_cloud2(PointCloud2(), points, PointField)
+            aligned.header = message.header
+            self._aligned.publish(aligned)
+        if self._matches is not None and matches is not None:
+            self._matches.publish(_lines(message, T, matches))
+
+    def destroy(self) -> None:
+        """Destroy the publishers."""
+        for publisher in (self._transform, self._pose, self._aligned, self._matches):
+            if publisher is not None:
+                self._node.destroy_publisher(publisher)
+
+
+def _tf_broadcaster(node: Node) -> Any:
+    try:
+        from tf2_ros import TransformBroadcaster
+    except ImportError:
+        raise GclError(
+            'publish_tf needs tf2_ros, which comes with a ROS installation; install it or set '
+            'publish_tf to false'
+        ) from None
+    return TransformBroadcaster(node)
+
+
+def _stamp(message: Any) -> float:
+    return seconds(message.header.stamp)
+
+
+def _pose(transform: TransformStamped, covariance: np.ndarray) -> PoseWithCovarianceStamped:
+    """The transform as the pose of the source in the target's frame."""
+    pose = PoseWithCovarianceStamped(header=transform.header)
+    where = transform.transform.translation
+    pose.pose.pose.position = Point(x=where.x, y=where.y, z=where.z)
+    pose.pose.pose.orientation = transform.transform.rotation
+    pose.pose.covariance = covariance.ravel().astype(float)
+    return pose
+
+
+def _lines(transform: TransformStamped, T: np.ndarray, matches: Correspondences) -> Marker:
+    """Lines from each source key point, as aligned, to its target key point raised by 5 m.
+
+    Aligned, the two lie in one place: raised, the lines stand where the evidence is.
+    """
+    marker = Marker(header=transform.header, ns='matches', type=Marker.LINE_LIST)
+    marker.action = Marker.ADD
+    marker.scale.x = MATCH_WIDTH
+    marker.color.g, marker.color.a = 1.0, 0.8
+    marker.pose.orientation.w = 1.0
+    source = se3.transform(T, matches.source.double().numpy())
+    target = matches.target.double().numpy() + [0.0, 0.0, 5.0]
+    marker.points = [
+        Point(x=x, y=y, z=z) for ends in zip(source, target, strict=True) for x, y, z in ends
+    ]
+    return marker
