@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import array
 import dataclasses
 from collections.abc import Mapping
 from typing import Any, Generic, TypeVar
@@ -81,6 +82,8 @@ class Parameters(Generic[C]):
         }
         for name, value in values.items():
             _check_range(name, value)
+            if isinstance(value, array.array):  # a list, as it comes over a service
+                values[name] = value.tolist()
         return from_mapping(self._kind, _nested(values), f'parameters of {self._node.get_name()}')
 
     def settled(self, names: Mapping[str, Any]) -> None:

@@ -1,10 +1,150 @@
-"""Clouds with something wrong about them."""
+"""Nodes over real DDS in a domain of their own, and clouds with something wrong about them."""
+
+import random
+import threading
+import time
+from pathlib import Path
 
 import numpy as np
 import pytest
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import PointCloud2, PointField
+from std_srvs.srv import Trigger
 
+from gcl_core import se3
 from gcl_ros.conversions import fill_point_cloud2
+
+ROOT = Path(__file__).parents[2]
+PATIENCE = 60.0  # seconds, on a machine that is busy with something else
+
+
+class Rig:
+    """Nodes of one process in a DDS domain of their own, spun by one thread."""
+
+    def __init__(self) -> None:
+        self.context = Context()
+        rclpy.init(context=self.context, domain_id=random.randint(1, 100))
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.node = Node('vehicles', context=self.context)
+        self.executor.add_node(self.node)
+        self.publishers: dict = {}
+        self.stamp = 0.0
+        self.offset = {'source': 0.0, 'target': 0.0}
+        self.status = None
+        self._nodes = [self.node]
+        self.node.create_subscription(DiagnosticArray, '/diagnostics', self._diagnosed, 10)
+        self._spinning = threading.Thread(target=self._spin)
+        self._open = True
+        self._spinning.start()
+
+    def _spin(self) -> None:
+        while self._open:
+            self.executor.spin_once(timeout_sec=0.05)
+
+    def _diagnosed(self, message) -> None:
+        self.status = message.status[0]
+
+    def add(self, kind, *, start=True, **parameters):
+        """Start a node of this kind; `__` in a parameter's name stands for a dot."""
+        overrides = [
+            Parameter(name.replace('__', '.'), value=value) for name, value in parameters.items()
+        ]
+        node = kind(context=self.context, parameter_overrides=overrides)
+        self._nodes.append(node)
+        if start:
+            node.start()
+        self.executor.add_node(node)
+        return node
+
+    def listen(self, kind, topic) -> list:
+        """The list that messages of a topic will come into."""
+        heard: list = []
+        self.node.create_subscription(kind, topic, heard.append, 10)
+        return heard
+
+    def publish_clouds(self, reliability=ReliabilityPolicy.RELIABLE) -> None:
+        """Create the publishers of both sides anew."""
+        for publisher in self.publishers.values():
+            self.node.destroy_publisher(publisher)
+        qos = QoSProfile(depth=1, reliability=reliability)
+        self.publishers = {
+            side: self.node.create_publisher(PointCloud2, f'/{side}/points', qos)
+            for side in ('source', 'target')
+        }
+
+    def send(self, **clouds) -> None:
+        """Publish clouds, as points or as messages, with the next stamp."""
+        self.stamp += 1.0
+        for side, cloud in clouds.items():
+            message = cloud
+            if isinstance(cloud, np.ndarray):
+                message = fill_point_cloud2(PointCloud2(), cloud, PointField)
+            stamp = self.stamp + self.offset[side]
+            message.header.stamp.sec = int(stamp)
+            message.header.stamp.nanosec = round(stamp % 1 * 1e9)
+            message.header.frame_id = f'{side}_lidar'
+            self.publishers[side].publish(message)
+
+    def until(self, condition, *, every=None, pause=1.0, patience=PATIENCE) -> bool:
+        """Wait for something to happen, doing `every` again and again."""
+        deadline, due = time.monotonic() + patience, 0.0
+        while time.monotonic() < deadline:
+            if condition():
+                return True
+            if every and time.monotonic() > due:
+                every()
+                due = time.monotonic() + pause
+            time.sleep(0.02)
+        return False
+
+    def call(self, kind, service, request=None):
+        """Call a service."""
+        client = self.node.create_client(kind, service)
+        assert self.until(client.service_is_ready), service
+        future = client.call_async(request or kind.Request())
+        assert self.until(future.done), service
+        self.node.destroy_client(client)
+        return future.result()
+
+    def trigger(self, name):
+        return self.call(Trigger, f'/registrar/{name}')
+
+    def says(self, text) -> bool:
+        """Whether the diagnostics say something."""
+        return self.status is not None and text in self.status.message
+
+    def figures(self) -> dict:
+        return {value.key: value.value for value in self.status.values}
+
+    def close(self) -> None:
+        self._open = False
+        self._spinning.join()
+        for node in self._nodes:
+            node.destroy_node()
+        self.executor.shutdown()
+        rclpy.shutdown(context=self.context)
+
+
+@pytest.fixture
+def rig(monkeypatch):
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    monkeypatch.setenv('FASTDDS_DEFAULT_PROFILES_FILE', str(ROOT / 'config' / 'fastdds.xml'))
+    made = Rig()
+    yield made
+    made.close()
+
+
+@pytest.fixture(scope='session')
+def meeting(drive):
+    """Thinned clouds of two vehicles 8 m apart, and where the source stands."""
+    T = se3.inverse(drive.T_world_lidar(90)) @ drive.T_world_lidar(98)
+    return drive.scan(98).points[::3], drive.scan(90).points[::3], T
 
 
 @pytest.fixture(scope='session')

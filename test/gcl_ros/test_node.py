@@ -1,30 +1,22 @@
-"""The node as a user runs it: a process of its own, real DDS, real clouds."""
+"""The programs as a user runs them: processes of their own, real DDS, signals."""
 
 import os
 import random
+import signal
 import subprocess
 import sys
 import time
 from contextlib import contextmanager
 from pathlib import Path
 
-import numpy as np
 import pytest
-import rclpy
-from geometry_msgs.msg import TransformStamped
-from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
-from sensor_msgs.msg import PointCloud2, PointField
 
-from gcl_core import se3
 from gcl_core.evaluation import metrics
 from gcl_ros.bag import pair_encounters, write_bag
-from gcl_ros.conversions import fill_point_cloud2, matrix
+from gcl_ros.session import through_node
 
 ROOT = Path(__file__).parents[2]
 READY = 90.0  # seconds that a loaded machine may take to start the node
-FAST = ['-p', 'registrar.turns:=1']
 
 
 @pytest.fixture
@@ -65,98 +57,22 @@ def wait_for(condition, timeout=READY):
     return False
 
 
-class Vehicles:
-    """Publishes both clouds and collects transforms."""
-
-    def __init__(self, domain: int) -> None:
-        self.context = Context()
-        rclpy.init(context=self.context, domain_id=domain)
-        self.node = Node('vehicles', context=self.context)
-        self.executor = SingleThreadedExecutor(context=self.context)
-        self.executor.add_node(self.node)
-        self.sides = {
-            side: self.node.create_publisher(PointCloud2, f'/{side}/points', 5)
-            for side in ('source', 'target')
-        }
-        self.stamp = 0
-        self.received: list[TransformStamped] = []
-        self.node.create_subscription(
-            TransformStamped, '/registrar/transform', self.received.append, 10
-        )
-
-    def stream(self, source: np.ndarray, target: np.ndarray, until) -> bool:
-        """Send the pair again and again, at stamps of its own, until something happens."""
-        deadline = time.monotonic() + READY
-        while time.monotonic() < deadline:
-            self.stamp += 1
-            self.send('source', self.stamp, source)
-            self.send('target', self.stamp, target)
-            for _ in range(5):
-                self.executor.spin_once(timeout_sec=0.1)
-                if until():
-                    return True
-        return False
-
-    def send(self, side: str, stamp: int, points: np.ndarray) -> None:
-        message = fill_point_cloud2(PointCloud2(), points, PointField)
-        message.header.stamp.sec = stamp
-        message.header.frame_id = f'{side}_lidar'
-        self.sides[side].publish(message)
-
-    def spin_until_received(self, count: int, timeout: float = 60.0) -> bool:
-        until = time.monotonic() + timeout
-        while len(self.received) < count and time.monotonic() < until:
-            self.executor.spin_once(timeout_sec=0.1)
-        return len(self.received) >= count
-
-    def close(self) -> None:
-        self.executor.shutdown()
-        self.node.destroy_node()
-        rclpy.shutdown(context=self.context)
-
-
-@pytest.fixture
-def vehicles(environment, monkeypatch):
-    for key in ('FASTDDS_DEFAULT_PROFILES_FILE', 'ROS_AUTOMATIC_DISCOVERY_RANGE'):
-        monkeypatch.setenv(key, environment[key])
-    node = Vehicles(int(environment['ROS_DOMAIN_ID']))
-    yield node
-    node.close()
-
-
-def test_publishes_the_transform_and_survives_bad_clouds(environment, vehicles, drive, tmp_path):
-    log = tmp_path / 'log'
-    source, target = drive.scan(98).points, drive.scan(90).points
-    with running(registrar(*FAST), environment, log) as process:
-        empty, nan = source[:0], np.full((100, 3), np.nan, np.float32)
-        assert vehicles.stream(empty, target, lambda: 'is empty' in log.read_text())
-        assert vehicles.stream(nan, target, lambda: 'points is finite' in log.read_text())
-        assert not vehicles.received
-        assert vehicles.stream(source, target, lambda: vehicles.received), log.read_text()
-        assert process.poll() is None
-    message = vehicles.received[0]
-    T = se3.inverse(drive.T_world_lidar(90)) @ drive.T_world_lidar(98)
-    assert metrics.registered(matrix(message.transform), T, metrics.STRICT)
-    assert (message.header.frame_id, message.child_frame_id) == ('target_lidar', 'source_lidar')
-    assert 0 < message.header.stamp.sec <= vehicles.stamp
-
-
-def test_replayed_bag_comes_out_right(environment, vehicles, drive, tmp_path):
+def test_replayed_bag_comes_out_right(drive, tmp_path, monkeypatch):
     """A bag through `replay` and `registrar`, both processes of their own."""
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(random.randint(1, 100)))
     encounters = list(pair_encounters(drive, drive, [(96, 90), (104, 92)], period=4.0))
     write_bag(tmp_path / 'bag', encounters)
-    parameters = ROOT / 'config' / 'registrar.yaml'
-    with running(
-        registrar('--params-file', str(parameters), *FAST), environment, tmp_path / 'log'
-    ):
-        replay = [sys.executable, '-m', 'gcl_ros.replay', str(tmp_path / 'bag')]
-        with running(replay, environment, tmp_path / 'replay_log'):
-            got_all = vehicles.spin_until_received(2, timeout=READY)
-    assert got_all, (tmp_path / 'log').read_text() + (tmp_path / 'replay_log').read_text()
-    for encounter, message in zip(encounters, vehicles.received, strict=True):
-        assert message.header.stamp.sec == int(encounter.stamp)
-        estimate = matrix(message.transform)
-        assert metrics.registered(estimate, encounter.T_target_source, metrics.STRICT)
+    parameters = str(ROOT / 'config' / 'registrar.yaml')
+    rows = through_node(
+        tmp_path / 'bag',
+        tmp_path,
+        expected=2,
+        node_arguments=['--params-file', parameters, '-p', 'registrar.turns:=1'],
+    )
+    logs = [(tmp_path / f'{name}.log').read_text() for name in ('registrar_node', 'replay')]
+    assert len(rows) == 2, logs
+    for row in rows:
+        assert metrics.registered(row.T_estimated, row.T_true, metrics.STRICT), logs
 
 
 @pytest.mark.parametrize(
@@ -174,6 +90,36 @@ def test_bad_parameters_are_logged_and_the_node_lives(environment, tmp_path, arg
         assert wait_for(lambda: message in log.read_text()), log.read_text()
         assert 'nothing will be published' in log.read_text()
         assert process.poll() is None
+
+
+@pytest.mark.parametrize('module', ['registrar_node', 'describer_node'])
+@pytest.mark.parametrize(
+    ('number', 'arguments', 'said'),
+    [
+        (signal.SIGINT, [], 'ready'),
+        (signal.SIGTERM, [], 'ready'),
+        (signal.SIGTERM, ['-p', 'autostart:=false'], None),
+        (signal.SIGINT, ['-p', 'turns:=0', '-p', 'registrar.turns:=0'], 'will be published'),
+        (signal.SIGTERM, [], ''),
+    ],
+    ids=['active', 'active-term', 'unconfigured', 'misconfigured', 'starting'],
+)
+def test_signals_end_it_cleanly_in_every_state(
+    environment, tmp_path, module, number, arguments, said
+):
+    """At once while it is still starting (said is empty), else once it has said something."""
+    log = tmp_path / 'log'
+    command = [sys.executable, '-m', f'gcl_ros.{module}', '--ros-args', *arguments]
+    with running(command, environment, log) as process:
+        if said:
+            assert wait_for(lambda: said in log.read_text()), log.read_text()
+        else:
+            time.sleep(6.0 if said is None else 2.0)
+        process.send_signal(number)
+        code = process.wait(timeout=READY)
+    text = log.read_text()
+    assert 'Traceback' not in text
+    assert code == 0 or (said == '' and code in (-number, 1, 130)), text
 
 
 def test_replay_of_a_missing_bag_exits_with_two(environment, tmp_path):

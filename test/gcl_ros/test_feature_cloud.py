@@ -1,0 +1,99 @@
+"""Features as a PointCloud2: what is written is read back, what does not fit is refused."""
+
+import numpy as np
+import pytest
+import torch
+from sensor_msgs.msg import PointCloud2, PointField
+
+from gcl_core import se3
+from gcl_core.errors import GclError
+from gcl_core.types import Features
+from gcl_ros.conversions import fill_point_cloud2
+from gcl_ros.feature_cloud import (
+    feature_cloud,
+    fill_feature_cloud,
+    is_feature_cloud,
+    turns_of,
+    weights_hash,
+)
+
+HASH = '0123456789ab'
+
+
+def features(count, seed=0) -> Features:
+    generator = torch.Generator().manual_seed(seed)
+    points = torch.rand(count, 3, generator=generator) * 100 - 50
+    vectors = torch.randn(count, 32, generator=generator)
+    return Features(points, torch.nn.functional.normalize(vectors, dim=1))
+
+
+def written(headings, limit=1000) -> PointCloud2:
+    return fill_feature_cloud(PointCloud2(), headings, HASH, limit, PointField)
+
+
+def test_a_thousand_key_points_fit_forty_kilobytes():
+    message = written([features(7000)])
+    assert (message.height, message.width, len(message.data)) == (1, 1000, 38_000)
+
+
+def test_round_trip_at_every_heading():
+    headings = [features(200 + k, seed=k) for k in range(3)]
+    message = written(headings)
+    assert (message.height, message.width) == (3, 200)
+    assert is_feature_cloud(message)
+    for k, back in enumerate(feature_cloud(message, HASH)):
+        distance, row = torch.cdist(
+            back.points, headings[k].points, compute_mode='donot_use_mm_for_euclid_dist'
+        ).min(1)
+        assert distance.max() < 0.01
+        cosine = (back.descriptors * headings[k].descriptors[row]).sum(1)
+        assert cosine.min() > 0.999
+        assert torch.allclose(back.descriptors.norm(dim=1), torch.ones(200), atol=1e-5)
+
+
+def test_positions_are_written_in_the_sensors_own_frame():
+    one = features(200)
+    turned = Features(
+        torch.from_numpy(se3.transform(turns_of(2)[1], one.points.numpy())), one.descriptors
+    )
+    message = written([one, turned])
+    rows = np.frombuffer(message.data, np.uint8).reshape(2, 200, 38)
+    np.testing.assert_allclose(*rows[..., :6].copy().view('<i2').astype(int), atol=1)
+
+
+def test_the_hash_tells_weights_apart(tiny_network):
+    before = weights_hash(tiny_network)
+    assert before == weights_hash(tiny_network)
+    with torch.no_grad():
+        next(tiny_network.parameters())[0] += 1e-3
+    assert weights_hash(tiny_network) != before
+    assert len(before) == 12
+
+
+@pytest.mark.parametrize(
+    ('change', 'text'),
+    [
+        (lambda m: setattr(m.fields[3], 'name', 'gcl2_' + HASH), 'format 2, this node reads 1'),
+        (lambda m: setattr(m.fields[3], 'name', 'gcl1_ffff'), 'weights ffff, this node has 0123'),
+        (lambda m: setattr(m.fields[3], 'count', 16), 'not as format 1 says'),
+        (lambda m: setattr(m.fields[3], 'datatype', 7), 'not as format 1 says'),
+        (lambda m: setattr(m.fields[0], 'datatype', 7), "'x' is missing or not as"),
+        (lambda m: setattr(m.fields[3], 'offset', 7), 'lies outside'),
+        (lambda m: m.fields.pop(1), "'y' is missing"),
+        (lambda m: setattr(m, 'width', 0), 'empty'),
+        (lambda m: setattr(m, 'height', 2), 'carries 7600 bytes'),
+        (lambda m: setattr(m, 'data', bytes(7600)), 'descriptor is zero'),
+    ],
+)
+def test_what_does_not_fit_is_refused_with_the_reason(change, text):
+    message = written([features(200)])
+    change(message)
+    with pytest.raises(GclError, match=text):
+        feature_cloud(message, HASH)
+
+
+def test_raw_clouds_are_told_apart():
+    raw = fill_point_cloud2(PointCloud2(), np.zeros((5, 3)), PointField)
+    assert not is_feature_cloud(raw)
+    with pytest.raises(GclError, match='no field of features; it has x, y, z'):
+        feature_cloud(raw, HASH)

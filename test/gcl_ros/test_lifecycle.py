@@ -1,0 +1,180 @@
+"""Lifecycle transitions and parameters, over the services that tools use."""
+
+import random
+import sys
+from dataclasses import dataclass
+from types import ModuleType
+from typing import Any
+
+import pytest
+from geometry_msgs.msg import TransformStamped
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState, GetState
+from rcl_interfaces.srv import DescribeParameters, SetParameters, SetParametersAtomically
+from rclpy.parameter import Parameter
+
+from gcl_ros.parameters import flatten
+from gcl_ros.registrar_node import NodeConfig, RegistrarNode
+
+# (state, transition) that exist, and where they lead
+LEADS = {
+    ('unconfigured', Transition.TRANSITION_CONFIGURE): 'inactive',
+    ('inactive', Transition.TRANSITION_ACTIVATE): 'active',
+    ('active', Transition.TRANSITION_DEACTIVATE): 'inactive',
+    ('inactive', Transition.TRANSITION_CLEANUP): 'unconfigured',
+}
+TRANSITIONS = [transition for _, transition in LEADS]
+
+
+def change(rig, transition) -> bool:
+    request = ChangeState.Request()
+    request.transition.id = transition
+    return rig.call(ChangeState, '/registrar/change_state', request).success
+
+
+def state(rig) -> str:
+    return rig.call(GetState, '/registrar/get_state').current_state.label
+
+
+def set_parameter(rig, name, value):
+    request = SetParameters.Request()
+    request.parameters = [Parameter(name, value=value).to_parameter_msg()]
+    return rig.call(SetParameters, '/registrar/set_parameters', request).results[0]
+
+
+def test_transitions_in_any_order(rig, meeting):
+    """Those that do not exist are refused and change nothing; the node works in the end."""
+    rig.add(RegistrarNode, start=False, registrar__turns=1)
+    rig.publish_clouds()
+    transforms = rig.listen(TransformStamped, '/registrar/transform')
+    assert state(rig) == 'unconfigured'
+    expected, rng = 'unconfigured', random.Random(5)
+    for _ in range(25):
+        transition = rng.choice(TRANSITIONS)
+        rig.send(source=meeting[0], target=meeting[1])
+        leads = LEADS.get((expected, transition))
+        assert change(rig, transition) == (leads is not None)
+        expected = leads or expected
+        assert state(rig) == expected
+    for transition in TRANSITIONS[:2]:
+        change(rig, transition)
+    assert state(rig) == 'active'
+    transforms.clear()
+    send = lambda: rig.send(source=meeting[0], target=meeting[1])  # noqa: E731
+    assert rig.until(lambda: transforms, every=send)
+    assert change(rig, Transition.TRANSITION_ACTIVE_SHUTDOWN)
+    assert state(rig) == 'finalized'
+
+
+def test_nothing_is_published_once_inactive(rig, meeting):
+    rig.add(RegistrarNode, registrar__turns=1)
+    rig.publish_clouds()
+    transforms = rig.listen(TransformStamped, '/registrar/transform')
+    send = lambda: rig.send(source=meeting[0], target=meeting[1])  # noqa: E731
+    assert rig.until(lambda: transforms, every=send)
+    send()
+    assert change(rig, Transition.TRANSITION_DEACTIVATE)
+    rig.until(lambda: False, patience=0.2)
+    count = len(transforms)
+    assert not rig.until(lambda: len(transforms) > count, every=send, patience=2.0)
+    assert rig.until(lambda: rig.says('inactive, not active'))
+    assert not rig.trigger('trigger').success
+
+
+def test_a_wrong_start_value_can_be_set_right(rig):
+    rig.add(RegistrarNode, registrar__turns=0, max_pair_dt=99)
+    assert state(rig) == 'unconfigured'
+    assert rig.until(lambda: rig.says('registrar.turns'))
+    assert rig.status.level == b'\2'
+    assert not change(rig, Transition.TRANSITION_CONFIGURE)
+    assert not set_parameter(rig, 'registrar.turns', 1).successful  # the other is still wrong
+    both = [Parameter('registrar.turns', value=1), Parameter('max_pair_dt', value=0.1)]
+    request = SetParametersAtomically.Request(parameters=[p.to_parameter_msg() for p in both])
+    service = '/registrar/set_parameters_atomically'
+    assert rig.call(SetParametersAtomically, service, request).result.successful
+    assert change(rig, Transition.TRANSITION_CONFIGURE)
+
+
+@dataclass
+class Live:
+    rig: Any
+    node: RegistrarNode
+
+
+@pytest.fixture
+def live(rig):
+    return Live(rig, rig.add(RegistrarNode))
+
+
+@pytest.mark.parametrize(
+    ('name', 'value', 'reason'),
+    [
+        ('max_pair_dt', -1.0, 'out of range'),
+        ('max_pair_dt', 11, 'between 0 and 10'),
+        ('max_pair_dt', float('nan'), 'out of range'),
+        ('max_pair_dt', 'soon', 'expected float'),
+        ('registrar.turns', 0, 'out of range'),
+        ('registrar.turns', 2.5, 'expected int'),
+        ('registrar.verify.finalists', 50, 'at most verify.hypotheses'),
+        ('registrar.estimator.name', 'guess', "'guess' is none of"),
+        ('registrar.refine.reach', [1.0], 'one of each for every step'),
+        ('registrar.weights', 'other', 'unconfigured only'),
+        ('publish_aligned', True, 'unconfigured only'),
+        ('registrar.trun', 1, ''),
+    ],
+)
+def test_values_that_do_not_fit_are_refused_with_the_reason(live, name, value, reason):
+    before = live.node.config
+    result = set_parameter(live.rig, name, value)
+    assert not result.successful
+    assert reason in result.reason
+    assert live.node.config == before
+
+
+def test_safe_values_change_while_active(live):
+    assert set_parameter(live.rig, 'max_pair_dt', 1).successful
+    assert set_parameter(live.rig, 'registrar.min_probability', 0.5).successful
+    assert set_parameter(live.rig, 'registrar.estimator.ransac.samples', 1000).successful
+    config = live.node.config
+    assert config.max_pair_dt == 1.0
+    assert config.registrar.min_probability == 0.5
+    assert live.node._exchange.registrar.config.estimator.ransac.samples == 1000
+
+
+def test_every_parameter_is_described(live):
+    names = list(flatten(NodeConfig()))
+    request = DescribeParameters.Request(names=names)
+    found = live.rig.call(DescribeParameters, '/registrar/describe_parameters', request)
+    assert [d.name for d in found.descriptors if not d.description] == []
+    by_name = {d.name: d for d in found.descriptors}
+    assert by_name['registrar.turns'].integer_range[0].to_value == 36
+    assert by_name['max_pair_dt'].floating_point_range[0].to_value == 10.0
+    assert 'level, rigid' in by_name['registrar.estimator.ransac.model'].additional_constraints
+
+
+def test_tf_is_refused_where_it_is_not_installed(rig, monkeypatch):
+    monkeypatch.setitem(sys.modules, 'tf2_ros', None)
+    rig.add(RegistrarNode, publish_tf=True)
+    assert state(rig) == 'unconfigured'
+    assert rig.until(lambda: rig.says('publish_tf needs tf2_ros'))
+
+
+def test_tf_is_broadcast_where_it_is_asked_for(rig, meeting, monkeypatch):
+    """tf2_ros comes with ROS only: a stand-in with its interface, over a real topic."""
+    module = ModuleType('tf2_ros')
+
+    class TransformBroadcaster:
+        def __init__(self, node):
+            self.publisher = node.create_publisher(TransformStamped, '/tf_stand_in', 10)
+
+        def sendTransform(self, transform):
+            self.publisher.publish(transform)
+
+    module.TransformBroadcaster = TransformBroadcaster
+    monkeypatch.setitem(sys.modules, 'tf2_ros', module)
+    rig.add(RegistrarNode, publish_tf=True, registrar__turns=1)
+    rig.publish_clouds()
+    heard = rig.listen(TransformStamped, '/tf_stand_in')
+    send = lambda: rig.send(source=meeting[0], target=meeting[1])  # noqa: E731
+    assert rig.until(lambda: heard, every=send)
+    assert heard[0].child_frame_id == 'source_lidar'
