@@ -169,6 +169,8 @@ def run(make: Callable[[], ConfiguredNode[Any]]) -> None:
         executor.add_node(node)
         if node.get_parameter('autostart').value:
             node.start()
+        else:
+            node.get_logger().info('unconfigured; waiting for lifecycle transitions')
         while not stop.is_set():
             executor.spin_once(timeout_sec=0.2)
         node.destroy_node()

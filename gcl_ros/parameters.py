@@ -58,8 +58,12 @@ class Parameters(Generic[C]):
     def _declare(self, name: str, default: Any, descriptor: ParameterDescriptor) -> None:
         try:
             self._node.declare_parameter(name, default, descriptor)
-        except InvalidParameterValueException as error:
-            self._refused[name] = str(error)
+        except InvalidParameterValueException:
+            given = self._node._parameter_overrides[name].value
+            try:
+                _check_range(name, given)
+            except GclError as reason:
+                self._refused[name] = str(reason)
             self._node.declare_parameter(name, default, descriptor, ignore_override=True)
 
     def read(self, changes: Mapping[str, Any] | None = None) -> C:

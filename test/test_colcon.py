@@ -57,4 +57,8 @@ def test_registrar_runs_from_the_ament_index(workspace, tmp_path):
     finally:
         process.terminate()
         process.wait(timeout=30)
-    assert (prefix / 'share' / 'gcl_ros' / 'config' / 'registrar.yaml').exists()
+    share = prefix / 'share' / 'gcl_ros'
+    for file in ('config/registrar.yaml', 'launch/replay.launch.py', 'rviz/registrar.rviz'):
+        assert (share / file).exists()
+    for program in ('describer', 'replay', 'evaluate_bag'):
+        assert (prefix / 'lib' / 'gcl_ros' / program).exists()
