@@ -55,7 +55,7 @@ class RegistrarConfig:
 
     weights: str = zoo.DEFAULT
     turns: int = 6
-    min_probability: float = 0.95
+    min_probability: float = 0.9
     match: MatchConfig = field(default_factory=MatchConfig)
     estimator: EstimatorConfig = field(default_factory=EstimatorConfig)
     verify: VerifyConfig = field(default_factory=VerifyConfig)

@@ -30,7 +30,7 @@ def test_register_prints_one_json_object_and_writes_files(pair, drive, capsys):
     out = json.loads(capsys.readouterr().out)
     T = se3.inverse(drive.T_world_lidar(90)) @ drive.T_world_lidar(98)
     assert out['accepted'] is True
-    assert 0.95 <= out['probability'] <= 1
+    assert 0.9 <= out['probability'] <= 1
     assert np.linalg.eigvalsh(np.array(out['covariance'])).min() > 0
     assert out['inliers'] > 10
     assert out['ms']['total'] > 0
