@@ -70,7 +70,7 @@ class Calibration:
         rank: judges hypotheses as estimated, by `evidence.COLUMNS`.
         fine: judges them as refined, by the same columns.
         trust: judges the winner by its log odds, its lead over the best other place in log odds,
-            and its lead in supporting correspondences (log).
+            and its lead in supporting correspondences (log), each through tanh.
         spread: of the transform.
     """
 

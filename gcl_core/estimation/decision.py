@@ -16,7 +16,8 @@ from gcl_core.estimation.hypothesis import Hypothesis, distinct
 from gcl_core.estimation.refine import Prepared, RefineConfig, Refined, refine
 
 CLOSE = COLUMNS.index('close')
-NO_RIVAL = 20.0  # lead in log odds when no other place was found; also the largest lead
+NO_RIVAL = 20.0  # lead in log odds when no other place was found
+SATURATION = 5.0  # log odds beyond which more says little more: real scans differ from the fit's
 SLIPPED = 0.02  # a refinement that loses this share of closely aligned points went wrong
 
 
@@ -139,4 +140,5 @@ def summary(
     others = torch.cat([odds[:first], odds[first + 1 :]])
     lead = float(odds[first] - others.max()) if len(others) else NO_RIVAL
     winner = finalists[first]
-    return winner, torch.tensor([[float(odds[first]), min(lead, NO_RIVAL), winner.lead]])
+    columns = [math.tanh(float(odds[first]) / SATURATION), math.tanh(lead / SATURATION)]
+    return winner, torch.tensor([[*columns, math.tanh(winner.lead)]])

@@ -28,8 +28,8 @@ class Hypothesis:
 
 def distinct(a: Float[torch.Tensor, '*h 4 4'], b: Float[torch.Tensor, '4 4']) -> torch.Tensor:
     """Whether transforms mean another place or heading: over 3 m or 10 degrees apart."""
-    away = (a[..., :3, 3] - b[:3, 3]).norm(dim=-1) > DISTINCT_DISTANCE
-    trace = (a[..., :3, :3] * b[:3, :3]).sum((-2, -1))
+    away = (a[..., :3, 3] - b[:3, 3]).square().sum(-1) > DISTINCT_DISTANCE**2
+    trace = a[..., :3, :3].flatten(-2) @ b[:3, :3].flatten()
     return away | (trace < 1 + 2 * math.cos(DISTINCT_ANGLE))
 
 

@@ -19,6 +19,7 @@ from gcl_core.estimation.procrustes import from_three_points, from_two_points
 from gcl_core.estimation.support import Support
 from gcl_core.types import Correspondences
 
+LARGEST_BATCH = 200_000  # minimal sets held at a time
 EDGES = {'level': ((0, 1),), 'rigid': ((0, 1), (1, 2), (2, 0))}
 
 
@@ -31,7 +32,7 @@ class RansacConfig:
             degrees), `rigid` three.
         threshold: residual of an inlier, metres.
         samples: most minimal sets drawn.
-        batch: minimal sets drawn at a time.
+        batch: minimal sets drawn first; then twice as many each time.
         confidence: stop once an all-inlier set was drawn with this probability.
         edge_ratio: edges of a minimal set agree in length to this ratio (Open3D's check).
         min_edge: shortest edge of a minimal set, metres.
@@ -44,7 +45,7 @@ class RansacConfig:
     model: Literal['level', 'rigid'] = 'level'
     threshold: float = 0.8
     samples: int = 1_000_000
-    batch: int = 50_000
+    batch: int = 20_000
     confidence: float = 0.9999
     edge_ratio: float = 0.9
     min_edge: float = 4.0
@@ -81,10 +82,10 @@ def ransac(
     support = Support(correspondences, config.threshold)
     total = max(float(support.weight.sum()), 1e-9)
     T, scores = torch.empty(0, 4, 4), torch.empty(0)
-    drawn, needed = 0, float(config.samples)
+    drawn, batch, needed = 0, config.batch, float(config.samples)
     while drawn < needed:
-        sets = torch.randint(len(correspondences), (config.batch, points), generator=generator)
-        drawn += config.batch
+        sets = torch.randint(len(correspondences), (batch, points), generator=generator)
+        drawn, batch = drawn + batch, min(2 * batch, LARGEST_BATCH)
         found = _hypotheses(correspondences, sets, config, max_yaw)
         T, scores = torch.cat([T, found]), torch.cat([scores, support.scores(found)])
         leaders = distinct_best(T, scores, 2 * config.keep)

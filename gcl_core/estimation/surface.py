@@ -117,7 +117,8 @@ def grid_shape(size: float) -> tuple[int, int, int]:
 def _occupancy(solid: Float[torch.Tensor, 'n 3']) -> UInt8[torch.Tensor, 'x y z']:
     grid = torch.zeros(grid_shape(CELL), dtype=torch.uint8)
     cell, inside = grid_cell(solid, CELL)
-    cell = torch.unique(cell[inside], dim=0)
+    flat = torch.unique((cell[inside] << torch.tensor([20, 10, 0])).sum(1))
+    cell = torch.stack([flat >> 20, (flat >> 10) & 1023, flat & 1023], 1)
     limit = torch.tensor(grid.shape) - 1
     for offset in torch.cartesian_prod(*[torch.arange(-1, 2)] * 3):
         x, y, z = torch.minimum((cell + offset).clamp(min=0), limit).unbind(1)

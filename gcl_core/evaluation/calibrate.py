@@ -25,6 +25,7 @@ from gcl_core.evaluation.reliability import fit_spread, report, verdicts
 from gcl_core.evaluation.trials import Trial, load_trials, save_trials
 from gcl_core.registrar import Registrar, RegistrarConfig, calibration_file
 
+REPEATED_WEIGHT = 1 / 3  # every fourth world repeats one house; fewer streets do
 FIRST_WORLD = 700_000_000  # training takes worlds from its seed x 1,000,000 on
 
 
@@ -66,7 +67,8 @@ def fit(trials: list[Trial], start: Calibration) -> Calibration:
     )
     calibration = replace(start, rank=rank, fine=fine)
     outcome = verdicts(trials, calibration)
-    trust = fit_judge(outcome.columns, outcome.right.float(), signs=(1, 1, 1))
+    common = torch.tensor([REPEATED_WEIGHT if t.kind == 'repeated' else 1.0 for t in trials])
+    trust = fit_judge(outcome.columns, outcome.right.float(), signs=(1, 1, 1), weight=common)
     calibration = replace(calibration, trust=trust)
     return replace(calibration, spread=fit_spread(trials, calibration))
 

@@ -13,7 +13,9 @@ from gcl_core.estimation.confidence import Calibration, Spread
 from gcl_core.estimation.decision import Finalist, summary
 from gcl_core.evaluation import metrics
 from gcl_core.evaluation.trials import Trial
+from gcl_core.registrar import RegistrarConfig
 
+ACCEPT = RegistrarConfig().min_probability
 THRESHOLDS = (0.5, 0.8, 0.9, 0.95, 0.98, 0.99, 0.995, 0.999)
 LEVELS = {0.5: 5.348, 0.9: 10.645, 0.99: 16.812}  # quantiles of chi-square, 6 degrees of freedom
 
@@ -131,7 +133,7 @@ def report(trials: list[Trial], calibration: Calibration) -> str:
         for level, limit in LEVELS.items()
     )
     lines.append(f'covariance covers {covered}; mean squared error {square.mean() / 6:.2f} of 1')
-    errors = outcome.errors[right & (p >= 0.9)]
+    errors = outcome.errors[right & (p >= ACCEPT)]
     rte, rre = errors[:, :3].norm(dim=1), errors[:, 3:].norm(dim=1).rad2deg()
     lines.append(
         f'median error of the accepted {float(rte.median()):.3f} m, {float(rre.median()):.3f} deg'
@@ -149,6 +151,6 @@ def _by_distance(trials: list[Trial], outcome: Verdicts) -> list[str]:
                 lines.append(
                     f'{kind} {low}-{high} m: {len(rows)} pairs, listed {listed}, on top '
                     f'{int(outcome.right[rows].sum())}, accepted right '
-                    f'{int((outcome.right[rows] & (outcome.probability[rows] >= 0.9)).sum())}'
+                    f'{int((outcome.right[rows] & (outcome.probability[rows] >= ACCEPT)).sum())}'
                 )
     return lines
