@@ -1,4 +1,8 @@
-"""`python -m gcl_ros.evaluate_bag BAG`: recall of the node on a bag, beside a peer's."""
+"""`ros2 run gcl_ros evaluate_bag BAG`: recall on a bag, through the node or offline, and a peer's.
+
+Offline, the same registrar works on the same clouds without DDS in between; `--keypoints` then
+also describes the source with so many key points, as `describer` sends them.
+"""
 
 from __future__ import annotations
 
@@ -9,84 +13,144 @@ import time
 from pathlib import Path
 
 import numpy as np
+from sensor_msgs.msg import PointCloud2, PointField
 from tqdm import tqdm
 
+from gcl_core.config import load_config
 from gcl_core.data.pairs import BINS, Pair
 from gcl_core.errors import GclError
 from gcl_core.evaluation import peers
-from gcl_core.evaluation.predict import Prediction
-from gcl_core.evaluation.score import markdown, score
+from gcl_core.evaluation.predict import Method, Prediction
+from gcl_core.registrar import Registrar, RegistrarConfig
+from gcl_core.types import PointCloud
 from gcl_ros.bag import Encounter, pair_list_label, read_encounters
-from gcl_ros.session import Row, through_node
+from gcl_ros.exchange import Exchange, Scan
+from gcl_ros.feature_cloud import fill_feature_cloud
+from gcl_ros.report import write_report
+from gcl_ros.session import through_node
+
+PEERS: dict[str, Method] = {'fpfh': peers.fpfh_ransac}
 
 
-def _pair(number: int, T_true: np.ndarray) -> Pair:
+def _prediction(
+    method: str, bag: Path, number: int, T_true: np.ndarray, T: np.ndarray | None, seconds: float
+) -> Prediction:
     distance = float(np.linalg.norm(T_true[:3, 3]))
     rounded = round(distance, 6)
     bin_ = next((b for b in BINS if b[0] <= rounded < b[1]), (math.floor(rounded), 999))
-    return Pair(number, number, distance, bin_)
+    pair = Pair(number, number, distance, bin_)
+    return Prediction(method, bag.name, pair, 0.0, T_true, T, seconds)
 
 
-def _node_predictions(bag: Path, rows: list[Row]) -> list[Prediction]:
-    return [
-        Prediction(
-            'GCL-ROS node',
-            bag.name,
-            _pair(i, row.T_true),
-            0.0,
-            row.T_true,
-            row.T_estimated,
-            row.latency,
-        )
-        for i, row in enumerate(rows)
-    ]
+def live(
+    bag: Path, out: Path, encounters: list[Encounter], rate: float, settings: list[str]
+) -> list[Prediction]:
+    """Replay the bag through the node, both processes of their own.
 
-
-def _peer_predictions(bag: Path, encounters: list[Encounter]) -> list[Prediction]:
-    predictions = []
-    for i, e in enumerate(tqdm(encounters, unit='pair', desc='FPFH + RANSAC')):
-        began = time.perf_counter()
-        T = peers.fpfh_ransac(e.source, e.target)
-        taken = time.perf_counter() - began
-        pair, truth = _pair(i, e.T_target_source), e.T_target_source
-        predictions.append(Prediction('FPFH + RANSAC', bag.name, pair, 0.0, truth, T, taken))
-    return predictions
-
-
-def run(bag: Path, out: Path, *, rate: float, node_arguments: list[str]) -> None:
-    """Replay through the node, run the peer on the same pairs, print a table."""
-    out.mkdir(parents=True, exist_ok=True)
-    encounters = list(read_encounters(bag))
+    Args:
+        bag: as `gcl bag` writes it.
+        out: for logs.
+        encounters: of the bag.
+        rate: bag seconds a wall second.
+        settings: `NAME:=VALUE` for the node.
+    """
     with tqdm(total=len(encounters), unit='pair', desc='node') as bar:
         rows = through_node(
             bag,
             out,
             expected=len(encounters),
             rate=rate,
-            node_arguments=node_arguments,
+            node_arguments=[part for setting in settings for part in ('-p', setting)],
             on_estimate=lambda row: bar.update(),
         )
     if len(rows) != len(encounters):
         raise GclError(f'{len(rows)} of {len(encounters)} pairs arrived; see the logs in {out}')
-    predictions = _node_predictions(bag, rows) + _peer_predictions(bag, encounters)
-    table = f'{pair_list_label(bag)}\n\n{markdown(score(predictions))}'
-    (out / 'table.md').write_text(table + '\n')
-    print(table)
+    return [
+        _prediction('GCL-ROS node', bag, i, row.T_true, row.T_estimated, row.latency)
+        for i, row in enumerate(rows)
+    ]
+
+
+def offline(
+    bag: Path, encounters: list[Encounter], methods: dict[str, Method]
+) -> list[Prediction]:
+    """Run every method on every pair, in this process."""
+    predictions = []
+    for i, e in enumerate(tqdm(encounters, unit='pair', desc=', '.join(methods))):
+        for name, method in methods.items():
+            began = time.perf_counter()
+            T = method(e.source, e.target)
+            taken = time.perf_counter() - began
+            predictions.append(_prediction(name, bag, i, e.T_target_source, T, taken))
+    return predictions
+
+
+def raw(exchange: Exchange) -> Method:
+    """Registers two raw clouds."""
+
+    def method(source: PointCloud, target: PointCloud) -> np.ndarray | None:
+        result = exchange.register(source=Scan(source), target=Scan(target)).result
+        return result.T_target_source if result.accepted else None
+
+    return method
+
+
+def described(exchange: Exchange, keypoints: int) -> Method:
+    """Registers a source described with so many key points, as it is sent, to a raw target."""
+
+    def method(source: PointCloud, target: PointCloud) -> np.ndarray | None:
+        features = exchange.registrar.model.describe([source])
+        message = PointCloud2()
+        fill_feature_cloud(message, features, exchange.weights, keypoints, PointField)
+        result = exchange.register(source=exchange.read(message), target=Scan(target)).result
+        return result.T_target_source if result.accepted else None
+
+    return method
+
+
+def run(options: argparse.Namespace) -> None:
+    """Evaluate, write everything, print the table."""
+    bag, out = options.bag, options.out
+    out.mkdir(parents=True, exist_ok=True)
+    encounters = list(read_encounters(bag))
+    methods = {name: PEERS[name] for name in options.peers}
+    predictions = []
+    config = load_config(RegistrarConfig, options.config) if options.config else RegistrarConfig()
+    if options.offline or options.keypoints:
+        exchange = Exchange(Registrar(config))
+        ours: dict[str, Method] = {'GCL-ROS': raw(exchange)}
+        for count in options.keypoints:
+            ours[f'GCL-ROS, {count} key points'] = described(exchange, count)
+        methods = ours | methods
+    else:
+        predictions = live(bag, out, encounters, options.rate, options.set)
+    if methods:
+        predictions += offline(bag, encounters, methods)
+    record = {key: str(value) for key, value in vars(options).items()}
+    stamps = [e.stamp for e in encounters]
+    print(write_report(out, pair_list_label(bag), predictions, stamps, record))
 
 
 def main() -> None:
     """Parse the command line and run."""
     parser = argparse.ArgumentParser(prog='evaluate_bag', description=__doc__)
     parser.add_argument('bag', type=Path, help='as `gcl bag` writes it')
-    parser.add_argument('--out', type=Path, required=True, help='folder for logs and table.md')
-    parser.add_argument('--rate', type=float, default=0.2, help='bag seconds a wall second')
-    parser.add_argument(
+    parser.add_argument('--out', type=Path, required=True, help='for tables, pairs, logs')
+    parser.add_argument('--peers', nargs='*', default=['fpfh'], choices=sorted(PEERS))
+    node = parser.add_argument_group('through the node')
+    node.add_argument('--rate', type=float, default=0.2, help='bag seconds a wall second')
+    node.add_argument(
         '--set', action='append', default=[], metavar='NAME:=VALUE', help='parameter of the node'
     )
-    o = parser.parse_args()
+    direct = parser.add_argument_group('offline')
+    direct.add_argument('--offline', action='store_true', help='without DDS, as fast as it goes')
+    direct.add_argument('--config', type=Path, help='YAML of RegistrarConfig')
+    direct.add_argument(
+        '--keypoints', type=int, nargs='+', default=[], help='also with the source described'
+    )
+    options = parser.parse_args()
     try:
-        node_arguments = [part for setting in o.set for part in ('-p', setting)]
-        run(o.bag, o.out, rate=o.rate, node_arguments=node_arguments)
+        run(options)
     except GclError as error:
         print(f'evaluate_bag: {error}', file=sys.stderr)
         sys.exit(2)

@@ -6,17 +6,22 @@ import argparse
 import importlib
 import sys
 import time
+from dataclasses import dataclass
 from pathlib import Path
 
 import rclpy
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.utilities import remove_ros_args
+from rosbags.interfaces import Connection
+from rosbags.rosbag2 import Reader
 from rosgraph_msgs.msg import Clock
 
 from gcl_core.errors import GclError
 from gcl_ros.bag import open_bag
+from gcl_ros.bag_sequence import CLOUD
 
 SETTLE = 2.0  # seconds until a subscriber that we see has seen us too
 DISCOVERY_LIMIT = 60.0  # seconds to wait for a subscriber: a network takes its time to load
@@ -36,53 +41,94 @@ def message_class(name: str) -> type:
     return found
 
 
-def replay(path: Path, *, rate: float, wait: bool, node: Node) -> int:
-    """Publish every message of a bag in order; return how many.
+@dataclass(frozen=True)
+class Playback:
+    """How to play a bag.
 
-    Args:
-        path: rosbag2 folder.
+    Attributes:
         rate: bag seconds a wall second.
+        start: seconds of the bag to skip.
+        loop: start again at the end; stamps then jump back, as they do with `ros2 bag play`.
+        clock: publish `/clock`.
+        reliable: clouds over reliable publishers; best effort otherwise, as drivers do.
         wait: hold the first message back until every cloud topic has a subscriber.
-        node: publishes.
+    """
+
+    rate: float = 1.0
+    start: float = 0.0
+    loop: bool = False
+    clock: bool = True
+    reliable: bool = True
+    wait: bool = True
+
+    def __post_init__(self) -> None:
+        if self.rate <= 0:
+            raise GclError(f'rate is {self.rate}; it must be positive')
+        if self.start < 0:
+            raise GclError(f'start is {self.start}; it must not be negative (seconds)')
+
+
+def replay(path: Path, playback: Playback, node: Node) -> int:
+    """Publish the messages of a bag in order; return how many.
 
     Raises:
-        GclError: the bag is missing or damaged, or holds no message.
+        GclError: the bag is missing or damaged, or holds no message after `start`.
     """
-    clock = node.create_publisher(Clock, '/clock', 10)
-    latched = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    clock = node.create_publisher(Clock, '/clock', 10) if playback.clock else None
     with open_bag(path) as reader:
-        if reader.message_count == 0:
-            raise GclError(f'bag {path} holds no messages')
-        publishers = {}
-        for connection in reader.connections:
-            is_cloud = connection.msgtype.endswith('PointCloud2')
-            kind = message_class(connection.msgtype)
-            qos = QoSProfile(depth=10) if is_cloud else latched
-            publishers[connection.id] = node.create_publisher(kind, connection.topic, qos)
-        clouds = [
-            publishers[c.id] for c in reader.connections if c.msgtype.endswith('PointCloud2')
-        ]
-        until = time.monotonic() + DISCOVERY_LIMIT
-        while wait and any(p.get_subscription_count() == 0 for p in clouds):
-            if time.monotonic() > until:
-                names = ', '.join(p.topic_name for p in clouds)
-                raise GclError(f'nobody subscribed to {names} within {DISCOVERY_LIMIT:.0f} s')
-            time.sleep(0.05)
-        if wait:
-            time.sleep(SETTLE)
-        began, first, count = time.monotonic(), reader.start_time, 0
-        for connection, stamp, raw in reader.messages():
-            delay = (stamp - first) * 1e-9 / rate - (time.monotonic() - began)
-            if delay > 0:
-                time.sleep(delay)
-            now = Clock()
-            now.clock.sec, now.clock.nanosec = divmod(stamp, 10**9)
-            clock.publish(now)
-            publishers[connection.id].publish(bytes(raw))
-            count += 1
-    for publisher in clouds:
+        begin = reader.start_time + round(playback.start * 1e9)
+        if reader.message_count == 0 or begin > reader.end_time:
+            raise GclError(f'bag {path} holds no messages after {playback.start:g} s')
+        publishers = _publishers(reader, playback, node)
+        clouds = [publishers[c.id] for c in reader.connections if _is_cloud(c)]
+        if playback.wait:
+            _wait(clouds)
+        count = 0
+        while True:
+            began = time.monotonic()
+            for connection, stamp, raw in reader.messages(start=begin):
+                due = (stamp - begin) * 1e-9 / playback.rate
+                time.sleep(max(0.0, due - (time.monotonic() - began)))
+                if not node.context.ok():
+                    return count
+                if clock is not None:
+                    now = Clock()
+                    now.clock.sec, now.clock.nanosec = divmod(stamp, 10**9)
+                    clock.publish(now)
+                publishers[connection.id].publish(bytes(raw))
+                count += 1
+            if not playback.loop:
+                break
+    for publisher in clouds if playback.reliable else ():
         publisher.wait_for_all_acked(rclpy.duration.Duration(seconds=10))
     return count
+
+
+def _is_cloud(connection: Connection) -> bool:
+    return connection.msgtype == CLOUD
+
+
+def _publishers(reader: Reader, playback: Playback, node: Node) -> dict[int, Publisher]:
+    """One for each connection; what is no cloud is latched for late joiners."""
+    policy = ReliabilityPolicy.RELIABLE if playback.reliable else ReliabilityPolicy.BEST_EFFORT
+    latched = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    publishers = {}
+    for connection in reader.connections:
+        kind = message_class(connection.msgtype)
+        qos = QoSProfile(depth=10, reliability=policy) if _is_cloud(connection) else latched
+        publishers[connection.id] = node.create_publisher(kind, connection.topic, qos)
+    return publishers
+
+
+def _wait(clouds: list[Publisher]) -> None:
+    """Wait until every topic of clouds is subscribed to."""
+    until = time.monotonic() + DISCOVERY_LIMIT
+    while any(p.get_subscription_count() == 0 for p in clouds):
+        if time.monotonic() > until:
+            names = ', '.join(p.topic_name for p in clouds)
+            raise GclError(f'nobody subscribed to {names} within {DISCOVERY_LIMIT:.0f} s')
+        time.sleep(0.05)
+    time.sleep(SETTLE)
 
 
 def main() -> None:
@@ -90,16 +136,24 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog='replay', description=__doc__)
     parser.add_argument('bag', type=Path, help='rosbag2 folder, as `gcl bag` writes it')
     parser.add_argument('--rate', type=float, default=1.0, help='bag seconds a wall second')
+    parser.add_argument('--start', type=float, default=0.0, help='seconds of the bag to skip')
+    parser.add_argument('--loop', action='store_true', help='start again at the end')
+    parser.add_argument('--no-clock', action='store_true', help='do not publish /clock')
+    parser.add_argument('--best-effort', action='store_true', help='clouds as drivers send them')
     parser.add_argument('--no-wait', action='store_true', help='do not wait for subscribers')
-    arguments = parser.parse_args(remove_ros_args(sys.argv)[1:])
-    if arguments.rate <= 0:
-        parser.error(f'--rate is {arguments.rate}; it must be positive')
+    o = parser.parse_args(remove_ros_args(sys.argv)[1:])
     try:
+        playback = Playback(
+            rate=o.rate,
+            start=o.start,
+            loop=o.loop,
+            clock=not o.no_clock,
+            reliable=not o.best_effort,
+            wait=not o.no_wait,
+        )
         with rclpy.init(args=sys.argv):
             node = Node('replay')
-            count = replay(
-                arguments.bag, rate=arguments.rate, wait=not arguments.no_wait, node=node
-            )
+            count = replay(o.bag, playback, node)
             node.get_logger().info(f'{count} messages replayed')
             node.destroy_node()
     except GclError as error:

@@ -1,4 +1,4 @@
-"""`gcl bag`: bags of two vehicles from recorded drives or from the simulator."""
+"""`gcl bag`: bags of two vehicles, from recorded drives or simulated, and what is in one."""
 
 from __future__ import annotations
 
@@ -21,23 +21,28 @@ def add_parser(commands: Any) -> None:
     """Add the subcommand."""
     parser: argparse.ArgumentParser = commands.add_parser(
         'bag',
-        help='write a bag of two vehicles',
+        help='write a bag of two vehicles, or tell what is in one',
         description='Write /target/points, /source/points and /truth/transform as a rosbag2.',
         epilog='Example: gcl bag from-kitti DIR 08 out_bag --distance 30',
     )
     kinds = parser.add_subparsers(
-        dest='kind', required=True, metavar='from-kitti|from-data|from-simulator'
+        dest='kind', required=True, metavar='from-{kitti,nuscenes,folder,data,simulator}|info'
     )
     kitti = kinds.add_parser('from-kitti', help='from a KITTI odometry sequence')
     kitti.add_argument('root', type=Path, help='folder with sequences/ and poses/')
     kitti.add_argument('sequence', help='two digits')
-    data = kinds.add_parser('from-data', help='from nuScenes, ETH, a bag, a folder of clouds')
+    nuscenes = kinds.add_parser('from-nuscenes', help='from a log of nuScenes')
+    nuscenes.add_argument('root', type=Path, help='folder with samples/ and v1.0-*/')
+    nuscenes.add_argument('--sequence', help='log; default: the only one')
+    folder = kinds.add_parser('from-folder', help='from a folder of clouds with poses.txt')
+    folder.add_argument('root', type=Path, help='folder of .bin, .pcd, .ply or .npy files')
+    data = kinds.add_parser('from-data', help='from any of these, ETH, or a bag of one drive')
     data.add_argument('root', type=Path, help='data set, bag, or folder')
     data.add_argument('--sequence', help='log, scene, topic, …; default: the only one')
     add_layout(data)
     simulator = kinds.add_parser('from-simulator', help='from a simulated street')
     simulator.add_argument('world', type=int, help='seed of the street')
-    for kind in (kitti, data, simulator):
+    for kind in (kitti, nuscenes, folder, data, simulator):
         kind.add_argument('bag', type=Path, help='folder to write')
         what = kind.add_mutually_exclusive_group(required=True)
         what.add_argument('--distance', type=float, help='the source drives this far ahead, m')
@@ -49,6 +54,17 @@ def add_parser(commands: Any) -> None:
         kind.add_argument('--seed', type=int, default=0, help='of random pairs')
         kind.add_argument('--random-yaw', action='store_true', help='turn each source at random')
     parser.set_defaults(run=run)
+    info = kinds.add_parser('info', help='topics, rates, frames, pairs and distances of a bag')
+    info.add_argument('bag', type=Path, help='rosbag2 folder')
+    info.set_defaults(run=show)
+
+
+def show(options: argparse.Namespace) -> int:
+    """Print what is in a bag."""
+    from gcl_ros.bag_info import summary
+
+    print(summary(options.bag))
+    return 0
 
 
 def run(options: argparse.Namespace) -> int:
@@ -61,9 +77,9 @@ def run(options: argparse.Namespace) -> int:
     if options.kind == 'from-simulator':
         sequences = {str(options.world): SimulatedSequence(options.world)}
     else:
-        layout = 'kitti' if options.kind == 'from-kitti' else options.format
-        names = [options.sequence] if options.sequence else None
-        sequences = open_sequences(options.root, names, layout=layout)
+        layout = options.format if options.kind == 'from-data' else options.kind[len('from-') :]
+        name = getattr(options, 'sequence', None)
+        sequences = open_sequences(options.root, [name] if name else None, layout=layout)
     ((name, sequence),) = sequences.items()
     pairs = _pairs(options, name, sequence)
     pairs = replace(pairs, pairs=pairs.pairs[:: options.every])

@@ -29,7 +29,8 @@ class Rig:
 
     def __init__(self) -> None:
         self.context = Context()
-        rclpy.init(context=self.context, domain_id=random.randint(1, 100))
+        self.domain = random.randint(1, 100)
+        rclpy.init(context=self.context, domain_id=self.domain)
         self.executor = SingleThreadedExecutor(context=self.context)
         self.node = Node('vehicles', context=self.context)
         self.executor.add_node(self.node)

@@ -125,3 +125,28 @@ def test_bag_from_a_folder_names_its_pairs(tmp_path, drive, capsys):
     listing.write_text('other 0 1\n')
     assert main([*arguments, '--list', str(listing)]) == 2
     assert 'lists no pair of scans' in capsys.readouterr().err
+
+
+def test_info_tells_topics_pairs_and_distances(tmp_path, encounter, capsys):
+    write_bag(tmp_path / 'b', [encounter], pair_list='one pair')
+    assert main(['bag', 'info', str(tmp_path / 'b')]) == 0
+    out = capsys.readouterr().out
+    assert '3 messages' in out
+    assert "/source/points  sensor_msgs/msg/PointCloud2  1 messages, frame 'source/lidar'" in out
+    assert '100 points' in out
+    assert 'pairs: one pair' in out
+    assert '5–10 m: 1 pairs, headings up to 57° apart' in out
+    assert main(['bag', 'info', str(tmp_path / 'none')]) == 2
+
+
+def test_from_folder_and_from_nuscenes_name_their_layout(tmp_path, drive, capsys):
+    (tmp_path / 'scans').mkdir()
+    arguments = [str(tmp_path / 'scans'), str(tmp_path / 'b'), '--distance', '5']
+    assert main(['bag', 'from-nuscenes', *arguments]) == 2
+    assert 'v1.0' in capsys.readouterr().err
+    for i in (90, 97):
+        write_cloud(tmp_path / f'scans/{i}.npy', drive.scan(i))
+    poses = [drive.T_world_lidar(i)[:3].ravel() for i in (90, 97)]
+    np.savetxt(tmp_path / 'scans/poses.txt', poses)
+    assert main(['bag', 'from-folder', *arguments]) == 0
+    assert 'wrote 1 pairs' in capsys.readouterr().out

@@ -1,0 +1,68 @@
+"""Evaluation on a bag: offline through the same registrar, its files, and evo's format."""
+
+import csv
+import json
+import sys
+
+import numpy as np
+import pytest
+
+from gcl_core import se3
+from gcl_core.evaluation import metrics
+from gcl_core.registrar import RegistrarConfig
+from gcl_core.types import PointCloud
+from gcl_ros import bench_keypoints, evaluate_bag
+from gcl_ros.bag import Encounter, write_bag
+from gcl_ros.report import write_tum
+
+
+@pytest.fixture(scope='module')
+def bag(meeting, tmp_path_factory):
+    """One pair that is found, and one of noise that is not."""
+    source, target, T = meeting
+    noise = np.random.default_rng(0).normal(size=(3000, 3)).astype(np.float32) * [20, 20, 2]
+    pairs = [
+        Encounter(1.0, PointCloud(source), PointCloud(target), T),
+        Encounter(2.0, PointCloud(noise.astype(np.float32)), PointCloud(target), T),
+    ]
+    path = tmp_path_factory.mktemp('bags') / 'bag'
+    write_bag(path, pairs, pair_list='two pairs')
+    return path
+
+
+def test_offline_writes_tables_pairs_and_trajectories(bag, tmp_path, monkeypatch, capsys, meeting):
+    (tmp_path / 'fast.yaml').write_text('turns: 1\n')
+    arguments = [str(bag), '--out', str(tmp_path / 'o'), '--offline', '--peers']
+    fast = ['--config', str(tmp_path / 'fast.yaml'), '--keypoints', '2000']
+    monkeypatch.setattr(sys, 'argv', ['evaluate_bag', *arguments, *fast])
+    evaluate_bag.main()
+    table = capsys.readouterr().out
+    assert table.startswith('two pairs')
+    assert '| GCL-ROS | 5–10 | 2 | 50 (' in table
+    assert '| GCL-ROS, 2000 key points | 5–10 | 2 | 50 (' in table
+    assert (tmp_path / 'o/table.md').read_text() == table
+    result = json.loads((tmp_path / 'o/result.json').read_text())
+    assert [row['wrong'] for row in result['rows']] == [0, 0]
+    rows = list(csv.DictReader((tmp_path / 'o/pairs.csv').open()))
+    assert [row['found'] for row in rows if row['method'] == 'GCL-ROS'] == ['1', '0']
+    estimated = np.loadtxt(tmp_path / 'o/gcl_ros.tum', ndmin=2)
+    truth = np.loadtxt(tmp_path / 'o/truth.tum', ndmin=2)
+    assert estimated.shape == (1, 8)
+    assert truth.shape == (2, 8)
+    T = se3.from_rotation_translation(se3.from_quaternion(*truth[0, 4:]), truth[0, 1:4])
+    np.testing.assert_allclose(T, meeting[2], atol=1e-6)
+    assert np.linalg.norm(estimated[0, 1:4] - truth[0, 1:4]) < metrics.STRICT.rte
+
+
+def test_a_trajectory_without_poses_is_an_empty_file(tmp_path):
+    write_tum(tmp_path / 'none.tum', [(1.0, None)])
+    assert (tmp_path / 'none.tum').read_text() == ''
+
+
+def test_recall_by_key_points_is_drawn(bag, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(bench_keypoints, 'COUNTS', (250, 1000))
+    bench_keypoints.run(bag, tmp_path, RegistrarConfig(turns=1))
+    out = capsys.readouterr().out
+    for method in ('raw', '250 int8', '250 bf16', '1000 int8', '1000 bf16'):
+        assert f'| {method} | 5–10 | 2 |' in out
+    assert (tmp_path / 'recall_by_kilobytes.png').stat().st_size > 5000

@@ -1,0 +1,94 @@
+"""Replay over real DDS: order, rate, start, loop, clock, reliability."""
+
+import threading
+
+import numpy as np
+import pytest
+import rclpy
+from geometry_msgs.msg import TransformStamped
+from rclpy.context import Context
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import PointCloud2
+
+from gcl_core.errors import GclError
+from gcl_core.types import PointCloud
+from gcl_ros.bag import Encounter, write_bag
+from gcl_ros.conversions import seconds
+from gcl_ros.replay import Playback, replay
+
+
+@pytest.fixture(scope='module')
+def bag(tmp_path_factory):
+    """Four encounters, a second apart."""
+    rng = np.random.default_rng(0)
+    clouds = [PointCloud(rng.normal(size=(50, 3)).astype(np.float32)) for _ in range(2)]
+    path = tmp_path_factory.mktemp('bags') / 'bag'
+    write_bag(path, [Encounter(float(i), *clouds, np.eye(4)) for i in range(1, 5)])
+    return path
+
+
+class Player:
+    def __init__(self, rig, bag, playback, node=None):
+        self.node, self.count = node or rig.node, None
+        best_effort = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
+        self.clouds: list = []
+        for side in ('source', 'target'):
+            rig.node.create_subscription(
+                PointCloud2, f'/{side}/points', self.clouds.append, best_effort
+            )
+        self.clock = rig.listen(Clock, '/clock')
+        self.truth = rig.listen(TransformStamped, '/truth/transform')
+        self.thread = threading.Thread(target=self.play, args=(bag, playback), daemon=True)
+        self.thread.start()
+
+    def play(self, bag, playback):
+        self.count = replay(bag, playback, self.node)
+
+    def stamps(self):
+        return [seconds(m.header.stamp) for m in self.clouds]
+
+
+@pytest.mark.parametrize('reliable', [True, False])
+def test_all_messages_in_order_with_the_clock(rig, bag, reliable):
+    player = Player(rig, bag, Playback(rate=10.0, reliable=reliable))
+    player.thread.join(timeout=60)
+    assert player.count == 12
+    assert rig.until(lambda: len(player.clouds) == 8)
+    assert player.stamps() == [1, 1, 2, 2, 3, 3, 4, 4]
+    assert rig.until(lambda: len(player.truth) == 4)
+    assert sorted({seconds(m.clock) for m in player.clock}) == [1, 2, 3, 4]
+
+
+def test_start_skips_and_rate_stretches(rig, bag):
+    player = Player(rig, bag, Playback(rate=2.0, start=2.0, clock=False))
+    player.thread.join(timeout=60)
+    assert player.count == 6
+    assert rig.until(lambda: len(player.clouds) == 4)
+    assert player.stamps() == [3, 3, 4, 4]
+    assert not player.clock
+
+
+def test_loop_starts_again(rig, bag):
+    context = Context()
+    rclpy.init(context=context, domain_id=rig.domain)
+    player = Player(rig, bag, Playback(rate=20.0, loop=True), Node('player', context=context))
+    try:
+        assert rig.until(lambda: len(player.clouds) > 20)
+        assert player.stamps()[:10] == [1, 1, 2, 2, 3, 3, 4, 4, 1, 1]
+    finally:
+        rclpy.shutdown(context=context)
+        player.thread.join(timeout=10)
+    assert not player.thread.is_alive()
+
+
+@pytest.mark.parametrize(('field', 'value'), [('rate', 0.0), ('start', -1.0)])
+def test_playback_values_that_make_no_sense_are_refused(field, value):
+    with pytest.raises(GclError, match=f'{field} is {value}'):
+        Playback(**{field: value})
+
+
+def test_a_start_after_the_end_is_refused(rig, bag):
+    with pytest.raises(GclError, match='holds no messages after 9 s'):
+        replay(bag, Playback(start=9.0), rig.node)
