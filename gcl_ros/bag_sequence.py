@@ -15,7 +15,7 @@ from gcl_core import se3
 from gcl_core.errors import GclError
 from gcl_core.types import PointCloud
 from gcl_ros.bag import STORE, open_bag
-from gcl_ros.conversions import matrix, point_cloud, seconds
+from gcl_ros.conversions import matrix, point_cloud, pose_matrix, seconds
 
 CLOUD = 'sensor_msgs/msg/PointCloud2'
 STATIC = '/tf_static'
@@ -210,15 +210,8 @@ class BagSequence:
         return se3.inverse(chains[0][shared]) @ chains[1][shared]
 
 
-def _of_pose(pose: Any) -> Float[np.ndarray, '4 4']:
-    q, p = pose.orientation, pose.position
-    return se3.from_rotation_translation(
-        se3.from_quaternion(q.x, q.y, q.z, q.w), np.array([p.x, p.y, p.z])
-    )
-
-
 POSES = {
-    'nav_msgs/msg/Odometry': lambda m: (m.child_frame_id, _of_pose(m.pose.pose)),
-    'geometry_msgs/msg/PoseStamped': lambda m: ('', _of_pose(m.pose)),
+    'nav_msgs/msg/Odometry': lambda m: (m.child_frame_id, pose_matrix(m.pose.pose)),
+    'geometry_msgs/msg/PoseStamped': lambda m: ('', pose_matrix(m.pose)),
     'geometry_msgs/msg/TransformStamped': lambda m: (m.child_frame_id, matrix(m.transform)),
 }

@@ -127,6 +127,22 @@ def matrix(message: Any) -> np.ndarray:
     )
 
 
+def fill_pose(message: Any, T: np.ndarray) -> Any:
+    """Fill a `geometry_msgs/Pose` from a 4x4 matrix; returns it."""
+    message.position.x, message.position.y, message.position.z = map(float, T[:3, 3])
+    turn = message.orientation
+    turn.x, turn.y, turn.z, turn.w = se3.to_quaternion(T[:3, :3])
+    return message
+
+
+def pose_matrix(message: Any) -> np.ndarray:
+    """4x4 matrix of a `geometry_msgs/Pose`."""
+    q, p = message.orientation, message.position
+    return se3.from_rotation_translation(
+        se3.from_quaternion(q.x, q.y, q.z, q.w), np.array([p.x, p.y, p.z])
+    )
+
+
 def seconds(stamp: Any) -> float:
     """Seconds of a `builtin_interfaces/Time`."""
     return float(stamp.sec) + 1e-9 * float(stamp.nanosec)

@@ -5,14 +5,14 @@ Publishes: `~/transform` (geometry_msgs/TransformStamped), `~/pose`
     (geometry_msgs/PoseWithCovarianceStamped), both with frame = the target's, child = the
     source's, stamp = the later of the pair's; nothing when nothing is accepted. `/diagnostics`.
     If asked for, `/tf`, `~/aligned` (sensor_msgs/PointCloud2) and `~/matches`
-    (visualization_msgs/Marker).
+    (visualization_msgs/Marker); with odometry `~/track`, see `gcl_ros.tracking`.
 Serves: `~/trigger` (std_srvs/Trigger) registers the newest pair, `~/reset` forgets all pairs.
 """
 
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import rclpy
@@ -31,6 +31,7 @@ from gcl_ros.exchange import Exchange, Registered, Scan
 from gcl_ros.lifecycle import ConfiguredNode, run
 from gcl_ros.outputs import Outputs
 from gcl_ros.pairing import Pairing, Side
+from gcl_ros.tracking import MotionConfig, Tracking
 from gcl_ros.worker import Worker
 
 
@@ -49,6 +50,7 @@ class NodeConfig:
             parent; needs tf2_ros.
         publish_aligned: publish the source cloud in the target's frame on `~/aligned`.
         publish_matches: publish the correspondences that agree as lines on `~/matches`.
+        motion: what the vehicles' odometry is used for.
         registrar: what happens between two clouds and a transform.
     """
 
@@ -61,6 +63,7 @@ class NodeConfig:
     publish_tf: bool = False
     publish_aligned: bool = False
     publish_matches: bool = False
+    motion: MotionConfig = field(default_factory=MotionConfig)
     registrar: RegistrarConfig = field(default_factory=RegistrarConfig)
 
 
@@ -76,6 +79,7 @@ class RegistrarNode(ConfiguredNode[NodeConfig]):
         self._outputs: Outputs | None = None
         self._pairing: Pairing[PointCloud2] | None = None
         self._worker: Worker[PointCloud2] | None = None
+        self._tracking: Tracking | None = None
         self._inputs: list[Any] = []
         self._asked: list[Future] = []
         self._health = health.Health()
@@ -101,6 +105,8 @@ class RegistrarNode(ConfiguredNode[NodeConfig]):
         config = self.config
         self._health = health.Health(began=time.monotonic())
         self._pairing = Pairing(config.max_pair_dt, on_demand=config.on_demand)
+        if config.motion.odometry:
+            self._tracking = Tracking(self, config.motion)
         self._worker = Worker(self._pairing, self._register, self._left_out)
         policy = ReliabilityPolicy.RELIABLE if config.reliable else ReliabilityPolicy.BEST_EFFORT
         qos = QoSProfile(depth=1, reliability=policy)  # deeper, and clouds grow seconds old
@@ -115,6 +121,9 @@ class RegistrarNode(ConfiguredNode[NodeConfig]):
         if self._worker is not None:
             self._worker.stop()
             self._worker = self._pairing = None
+        if self._tracking is not None:
+            self._tracking.destroy()
+            self._tracking = None
         self._answer(False, 'the node was deactivated')
 
     def release(self) -> None:
@@ -143,9 +152,13 @@ class RegistrarNode(ConfiguredNode[NodeConfig]):
         result, worker = registered.result, self._worker
         if worker is None or worker.stopping:
             return
-        if result.accepted:
-            self._publish(registered, source, target, scans['source'])
         stamps = seconds(source.header.stamp), seconds(target.header.stamp)
+        if result.accepted:
+            if self._tracking is not None:
+                result = self._tracking.registered(
+                    result, target.header.frame_id, source=stamps[0], target=stamps[1]
+                )
+            self._publish(replace(registered, result=result), source, target, scans['source'])
         age = self.get_clock().now().nanoseconds * 1e-9 - max(stamps)
         self._health.done(health.Outcome(result, age, stamps[0] - stamps[1]))
         text = describe(result)
@@ -190,6 +203,8 @@ class RegistrarNode(ConfiguredNode[NodeConfig]):
         """Forget pairs, stamps and counts."""
         if self._pairing is not None:
             self._pairing.reset()
+        if self._tracking is not None:
+            self._tracking.reset()
         self._health = health.Health(began=time.monotonic())
         response.success, response.message = True, 'pairs, stamps and counts forgotten'
         return response
@@ -204,6 +219,8 @@ class RegistrarNode(ConfiguredNode[NodeConfig]):
         limits = health.Limits(config.silence, config.max_age, config.max_pair_dt)
         level, message = self._health.judge(now, limits, pairing.offset())
         figures = self._health.figures(now, pairing.counts)
+        if self._tracking is not None:
+            figures |= self._tracking.figures()
         return level, message, {'state': self.state, **figures}
 
 

@@ -1,0 +1,161 @@
+"""The relative pose between registrations, at the rate of the vehicles' odometry.
+
+Subscribes: `source/odometry`, `target/odometry` (nav_msgs/Odometry).
+Publishes: `~/track` (geometry_msgs/PoseWithCovarianceStamped), until no registration has agreed
+    with it for `max_coast` seconds.
+"""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from nav_msgs.msg import Odometry as OdometryMessage
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+
+from gcl_core import se3
+from gcl_core.errors import GclError
+from gcl_core.types import Registration
+from gcl_ros.conversions import fill_pose, pose_matrix, seconds
+from gcl_ros.motion import Drift, Odometry, Relative, RelativeFilter, carried
+from gcl_ros.pairing import Side
+
+Mount = tuple[float, float, float, float, float, float]
+
+
+@dataclass(frozen=True)
+class MotionConfig:
+    """What the vehicles' odometry is used for.
+
+    Attributes:
+        odometry: subscribe to `source/odometry` and `target/odometry`; bring transforms to one
+            time and publish `~/track`.
+        source_mount: pose of the source's LiDAR in the frame that its odometry moves: x, y, z in
+            metres, roll, pitch, yaw in radians.
+        target_mount: likewise of the target's.
+        max_coast: seconds that `~/track` goes on without a registration that agrees with it.
+        drift: how fast odometry goes wrong.
+    """
+
+    odometry: bool = False
+    source_mount: Mount = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    target_mount: Mount = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    max_coast: float = 5.0
+    drift: Drift = field(default_factory=Drift)
+
+    def __post_init__(self) -> None:
+        if self.max_coast <= 0:
+            raise GclError(f'motion.max_coast is {self.max_coast}; it must be positive (seconds)')
+
+
+class Tracking:
+    """Both odometries and the filter; callbacks and the worker share them under a lock.
+
+    Args:
+        node: to subscribe and publish from.
+        config: see `MotionConfig`.
+    """
+
+    def __init__(self, node: Node, config: MotionConfig) -> None:
+        self._node, self._config = node, config
+        self._lock = threading.Lock()
+        self._filter = RelativeFilter(config.drift)
+        self._odometry: dict[Side, Odometry] = {
+            'source': Odometry(se3.from_xyz_rpy(*config.source_mount)),
+            'target': Odometry(se3.from_xyz_rpy(*config.target_mount)),
+        }
+        self._frame = ''
+        self._publisher = node.create_publisher(PoseWithCovarianceStamped, '~/track', 10)
+        qos = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
+        self._inputs = [self._subscribe(side, qos) for side in self._odometry]
+
+    def _subscribe(self, side: Side, qos: QoSProfile) -> Any:
+        return self._node.create_subscription(
+            OdometryMessage, f'{side}/odometry', lambda message: self._moved(side, message), qos
+        )
+
+    def _moved(self, side: Side, message: OdometryMessage) -> None:
+        """Take a pose of one vehicle; publish as far as both are known."""
+        T = pose_matrix(message.pose.pose)
+        with self._lock:
+            self._odometry[side].add(seconds(message.header.stamp), T)
+            newest = [odometry.newest for odometry in self._odometry.values()]
+            estimate = self._filter.estimate
+            if estimate is None or None in newest:
+                return
+            stamp = min(newest)
+            if stamp < estimate.stamp - 1.0:
+                self._filter.reset()  # a bag that starts again
+                return
+            if stamp > estimate.stamp and self._filter.carry(stamp, **self._odometry):
+                self._publish(self._filter.estimate)
+
+    def _publish(self, estimate: Relative) -> None:
+        if estimate.stamp - self._filter.confirmed > self._config.max_coast:
+            return
+        message = PoseWithCovarianceStamped()
+        message.header.stamp.sec = int(estimate.stamp)
+        message.header.stamp.nanosec = round(estimate.stamp % 1 * 1e9) % 10**9
+        message.header.frame_id = self._frame
+        fill_pose(message.pose.pose, estimate.T_target_source)
+        message.pose.covariance = estimate.covariance.ravel()
+        self._publisher.publish(message)
+
+    def registered(
+        self, result: Registration, frame: str, *, source: float, target: float
+    ) -> Registration:
+        """Bring an accepted registration to the later of the two stamps, and take it in.
+
+        Args:
+            result: with a transform.
+            frame: of the target's cloud.
+            source: stamp of the source's cloud, seconds.
+            target: stamp of the target's.
+        """
+        if result.T_target_source is None or result.covariance is None:
+            return result
+        stamp = max(source, target)
+        with self._lock:
+            own = self._odometry
+            motions = {'source': np.eye(4), 'target': np.eye(4)}
+            if source != target:
+                early: Side = 'source' if source < target else 'target'
+                moved = own[early].moved(min(source, target), stamp)
+                if moved is None:  # odometry is late or missing: as without it
+                    return result
+                motions[early] = moved
+            first = Relative(min(source, target), result.T_target_source, result.covariance)
+            together = carried(first, stamp, **motions, drift=self._config.drift)
+            self._frame = frame
+            self._filter.update(together, **own)
+        return replace(
+            result, T_target_source=together.T_target_source, covariance=together.covariance
+        )
+
+    def reset(self) -> None:
+        """Forget the estimate."""
+        with self._lock:
+            self._filter.reset()
+
+    def figures(self) -> dict[str, str]:
+        """For the diagnostics."""
+        with self._lock:
+            estimate = self._filter.estimate
+            rows = {'track contradicted by': str(self._filter.contradicted)}
+            for side, odometry in self._odometry.items():
+                rows[f'{side} odometry'] = 'none' if odometry.newest is None else 'received'
+            if estimate is not None:
+                deviation = float(np.sqrt(np.trace(estimate.covariance[:3, :3])))
+                rows['track coasting s'] = f'{estimate.stamp - self._filter.confirmed:.2f}'
+                rows['track deviation m'] = f'{deviation:.3f}'
+            return rows
+
+    def destroy(self) -> None:
+        """Destroy subscriptions and publisher."""
+        for subscription in self._inputs:
+            self._node.destroy_subscription(subscription)
+        self._node.destroy_publisher(self._publisher)
