@@ -18,7 +18,7 @@ from gcl_core.estimation.refine import Prepared, RefineConfig, Refined, refine
 CLOSE = COLUMNS.index('close')
 NO_RIVAL = 20.0  # lead in log odds when no other place was found
 SATURATION = 5.0  # log odds beyond which more says little more: real scans differ from the fit's
-SLIPPED = 0.02  # a refinement that loses this share of closely aligned points went wrong
+KEPT_CLOSE = 0.8  # share of the closely aligned points that a refinement must keep
 
 
 @dataclass(frozen=True)
@@ -110,11 +110,12 @@ def refine_finalists(
         scene,
         tolerance=verify.fine_tolerance,
     )
-    lost = columns[: len(rows), CLOSE] - columns[len(rows) :, CLOSE]
+    close_before, close_after = columns[: len(rows), CLOSE], columns[len(rows) :, CLOSE]
+    lost = close_after < KEPT_CLOSE * close_before
     finalists = []
     for i, r in enumerate(refined):
         if all(bool(distinct(after[i], after[k])) for k in range(i)):
-            slipped = r.walked or bool(lost[i] > SLIPPED)
+            slipped = r.walked or bool(lost[i])
             lead = _lead(after[i], chosen[i].inliers, hypotheses)
             finalists.append(Finalist(r, columns[len(rows) + i], chosen[i].inliers, lead, slipped))
     return finalists
