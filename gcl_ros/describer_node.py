@@ -137,18 +137,21 @@ class DescriberNode(ConfiguredNode[DescriberConfig]):
         features.header = message.header
         return features
 
-    def _report(self) -> Report:
+    def _report(self) -> list[Report]:
         figures = {'state': self.state, 'weights': self._hash, **self._figures}
-        silent = time.monotonic() - self._heard
+        return [Report(*self._judge(time.monotonic() - self._heard), figures)]
+
+    def _judge(self, silent: float) -> tuple[int, str]:
+        """Level and message of the diagnostics, so many seconds after the last cloud."""
         if self.problem:
-            return health.ERROR, f'{self.state}: {self.problem}', figures
+            return health.ERROR, f'{self.state}: {self.problem}'
         if self._input is None or self.config is None:
-            return health.WARN, f'{self.state}, not active', figures
+            return health.WARN, f'{self.state}, not active'
         if self._fault:
-            return health.ERROR, f'last cloud left out: {self._fault}', figures
+            return health.ERROR, f'last cloud left out: {self._fault}'
         if silent > self.config.silence:
-            return health.WARN, f'points silent for {silent:.1f} s', figures
-        return health.OK, 'describing', figures
+            return health.WARN, f'points silent for {silent:.1f} s'
+        return health.OK, 'describing'
 
 
 def main() -> None:

@@ -22,11 +22,13 @@ from gcl_core.errors import GclError
 from gcl_core.estimation.refine import prepare
 from gcl_core.estimation.surface import surface
 from gcl_core.matching.match import match
-from gcl_core.registrar import Registrar, Stopwatch, View
+from gcl_core.registrar import Registrar, RegistrarConfig, Stopwatch, View
 from gcl_core.types import Correspondences, Features, PointCloud, Registration
 from gcl_ros.conversions import point_cloud
 from gcl_ros.feature_cloud import feature_cloud, is_feature_cloud, turns_of, weights_hash
+from gcl_ros.recent import Recent
 
+KEPT = 4  # scans and views that are kept for the next pair
 FEWEST_POINTS, FEWEST_KEY_POINTS = 1000, 100  # anything fits a handful of points
 
 
@@ -69,6 +71,8 @@ class Exchange:
 
     def __init__(self, registrar: Registrar) -> None:
         self.registrar = registrar
+        self._scans: Recent[Scan] = Recent(KEPT)
+        self._views: Recent[View] = Recent(KEPT)
         self.weights = weights_hash(registrar.model)
 
     def read(self, message: Any) -> Scan:
@@ -77,6 +81,9 @@ class Exchange:
         Raises:
             GclError: malformed, of other weights, or too few points.
         """
+        return self._scans.get((message,), lambda: self._scan(message))
+
+    def _scan(self, message: Any) -> Scan:
         if is_feature_cloud(message):
             length = self.registrar.model.config.descriptor
             headings = tuple(feature_cloud(message, self.weights, length))
@@ -110,9 +117,15 @@ class Exchange:
         return Registered(result, views[1], views[0], turned_target)
 
     def _view(self, scan: Scan, *, turns: int | None = None) -> View:
+        """Describe a scan, or take what is known of it: a target serves all its sources."""
         config = self.registrar.config
+        turns = turns or (len(scan.headings) or config.turns)
+        key = (scan, turns, config)
+        return self._views.get(key, lambda: self._make_view(scan, turns, config))
+
+    def _make_view(self, scan: Scan, turns: int, config: RegistrarConfig) -> View:
         if not scan.headings:
-            return self.registrar.view(scan.cloud, turns=turns or config.turns)
+            return self.registrar.view(scan.cloud, turns=turns)
         headings = list(scan.headings)[:turns]
         matrices = turns_of(len(scan.headings))[:turns]
         return View(

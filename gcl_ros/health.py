@@ -61,8 +61,14 @@ class Limits:
 
 @dataclass
 class Health:
-    """Counts and the last outcome; filled by callbacks and worker, read by the diagnostics."""
+    """Counts and the last outcome; filled by callbacks and worker, read by the diagnostics.
 
+    Args:
+        source: what the source is called.
+        began: when listening began, monotonic seconds.
+    """
+
+    source: str = 'source'
     streams: dict[Side, Stream] = field(
         default_factory=lambda: {'source': Stream(), 'target': Stream()}
     )
@@ -103,7 +109,7 @@ class Health:
                 return ERROR, f'last pair left out: {self.fault}'
             silent = [self._silence(side, now) for side in self.streams]
             warnings = [
-                f'{side}/points silent for {seconds:.1f} s'
+                f'{self.source if side == "source" else side}/points silent for {seconds:.1f} s'
                 for side, seconds in zip(self.streams, silent, strict=True)
                 if seconds > limits.silence
             ]

@@ -13,7 +13,7 @@ from visualization_msgs.msg import Marker
 from gcl_core import se3
 from gcl_core.errors import GclError
 from gcl_core.types import Correspondences, PointCloud, Registration
-from gcl_ros.conversions import fill_point_cloud2, fill_transform, seconds
+from gcl_ros.conversions import fill_point_cloud2, fill_pose, fill_transform, seconds
 
 MATCH_WIDTH = 0.05  # metres
 
@@ -23,6 +23,7 @@ class Outputs:
 
     Args:
         node: to publish from.
+        prefix: of the topics.
         tf: broadcast the transform on /tf too.
         aligned: publish the source cloud in the target's frame.
         matches: publish the correspondences that agree as lines.
@@ -31,56 +32,65 @@ class Outputs:
         GclError: /tf is asked for where tf2_ros is not installed.
     """
 
-    def __init__(self, node: Node, *, tf: bool, aligned: bool, matches: bool) -> None:
+    def __init__(self, node: Node, *, prefix: str, tf: bool, aligned: bool, matches: bool) -> None:
         self._node = node
         self._broadcaster = _tf_broadcaster(node) if tf else None
         create = node.create_publisher
-        self._transform = create(TransformStamped, '~/transform', 10)
-        self._pose = create(PoseWithCovarianceStamped, '~/pose', 10)
-        self._aligned = create(PointCloud2, '~/aligned', 1) if aligned else None
-        self._matches = create(Marker, '~/matches', 1) if matches else None
+        self._transform = create(TransformStamped, f'{prefix}transform', 10)
+        self._pose = create(PoseWithCovarianceStamped, f'{prefix}pose', 10)
+        self._aligned = create(PointCloud2, f'{prefix}aligned', 1) if aligned else None
+        self._matches = create(Marker, f'{prefix}matches', 1) if matches else None
 
     @property
     def wants_matches(self) -> bool:
         """Whether somebody looks at the matches."""
         return self._matches is not None and self._matches.get_subscription_count() > 0
 
-    def publish(
-        self,
-        result: Registration,
-        *,
-        source: Any,
-        target: Any,
-        cloud: PointCloud | None,
-        matches: Correspondences | None,
-    ) -> None:
+    def publish(self, result: Registration, *, source: Any, target: Any) -> None:
         """Publish an accepted registration.
 
         Args:
             result: with a transform.
             source: message; its frame becomes the child.
             target: message; its frame becomes the parent.
-            cloud: points of the source.
-            matches: correspondences that agree with the transform.
         """
-        T = result.T_target_source
         message = TransformStamped()
         message.header.stamp = max(source, target, key=_stamp).header.stamp
         message.header.frame_id = target.header.frame_id
         message.child_frame_id = source.header.frame_id
-        fill_transform(message.transform, T)
+        fill_transform(message.transform, result.T_target_source)
         self._transform.publish(message)
         if self._broadcaster is not None:
             self._broadcaster.sendTransform(message)
         if result.covariance is not None:
-            self._pose.publish(_pose(message, result.covariance))
-        if self._aligned is not None and cloud is not None:
-            points = se3.transform(T, cloud.points)
+            pose = PoseWithCovarianceStamped(header=message.header)
+            fill_pose(pose.pose.pose, result.T_target_source)
+            pose.pose.covariance = result.covariance.ravel().astype(float)
+            self._pose.publish(pose)
+
+    def show(
+        self,
+        result: Registration,
+        *,
+        target: Any,
+        cloud: PointCloud,
+        matches: Correspondences | None,
+    ) -> None:
+        """Publish what people look at: both clouds as they came, in the target's frame and time.
+
+        Args:
+            result: with the transform between the clouds, whenever they were taken.
+            target: message.
+            cloud: points of the source.
+            matches: correspondences that agree with the transform.
+        """
+        if self._aligned is not None:
+            points = se3.transform(result.T_target_source, cloud.points)
             aligned = fill_point_cloud2(PointCloud2(), points, PointField)
-            aligned.header = message.header
+            aligned.header = target.header
             self._aligned.publish(aligned)
         if self._matches is not None and matches is not None:
-            self._matches.publish(_lines(message, T, matches))
+            self._matches.publish(_lines(target.header, result.T_target_source, matches))
 
     def destroy(self) -> None:
         """Destroy the publishers."""
@@ -104,22 +114,12 @@ def _stamp(message: Any) -> float:
     return seconds(message.header.stamp)
 
 
-def _pose(transform: TransformStamped, covariance: np.ndarray) -> PoseWithCovarianceStamped:
-    """The transform as the pose of the source in the target's frame."""
-    pose = PoseWithCovarianceStamped(header=transform.header)
-    where = transform.transform.translation
-    pose.pose.pose.position = Point(x=where.x, y=where.y, z=where.z)
-    pose.pose.pose.orientation = transform.transform.rotation
-    pose.pose.covariance = covariance.ravel().astype(float)
-    return pose
-
-
-def _lines(transform: TransformStamped, T: np.ndarray, matches: Correspondences) -> Marker:
+def _lines(header: Any, T: np.ndarray, matches: Correspondences) -> Marker:
     """Lines from each source key point, as aligned, to its target key point raised by 5 m.
 
     Aligned, the two lie in one place: raised, the lines stand where the evidence is.
     """
-    marker = Marker(header=transform.header, ns='matches', type=Marker.LINE_LIST)
+    marker = Marker(header=header, ns='matches', type=Marker.LINE_LIST)
     marker.action = Marker.ADD
     marker.scale.x = MATCH_WIDTH
     marker.color.g, marker.color.a = 1.0, 0.8

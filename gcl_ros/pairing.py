@@ -38,13 +38,21 @@ class Pairing(Generic[M]):
         max_dt: largest difference of the two stamps, seconds.
         depth: messages kept on each side while their partner may still come.
         on_demand: pairs wait until `ask` is called.
+        ready: notified when a pair is; one for several pairings that are waited for together.
     """
 
-    def __init__(self, max_dt: float, depth: int = 10, *, on_demand: bool = False) -> None:
+    def __init__(
+        self,
+        max_dt: float,
+        depth: int = 10,
+        *,
+        on_demand: bool = False,
+        ready: threading.Condition | None = None,
+    ) -> None:
         self.max_dt, self.on_demand = max_dt, on_demand
         self.counts = Counts()
         self._depth = depth
-        self._ready = threading.Condition()
+        self._ready = ready or threading.Condition()
         self._asked = self._closed = False
         self._forget_all()
 
@@ -83,7 +91,7 @@ class Pairing(Generic[M]):
             self._count(replaced=self._newest is not None)
             pair = (message, partner[1])
             self._newest = pair if side == 'source' else (pair[1], pair[0])
-            self._ready.notify()
+            self._ready.notify_all()
 
     def _keep(self, side: Side, stamp: float, message: M) -> None:
         """Let a message wait for its partner; the oldest goes when there are too many."""
@@ -108,25 +116,33 @@ class Pairing(Generic[M]):
                 return None
             return self._last['source'] - self._last['target']
 
+    @property
+    def has_pair(self) -> bool:
+        """Whether there is a pair to ask for."""
+        with self._ready:
+            return self._newest is not None or self._taken is not None
+
     def ask(self) -> bool:
         """Offer the newest pair, taken before or not; false when there is none."""
         with self._ready:
             self._asked = self._newest is not None or self._taken is not None
-            self._ready.notify()
+            self._ready.notify_all()
             return self._asked
 
     def take(self) -> tuple[M, M] | None:
         """Wait for the newest (source, target); None once closed."""
         with self._ready:
-            self._ready.wait_for(self._due)
+            self._ready.wait_for(lambda: self.due or self._closed)
             if self._closed:
                 return None
             pair = self._newest or self._taken
             self._newest, self._taken, self._asked = None, pair, False
             return pair
 
-    def _due(self) -> bool:
-        return self._closed or self._asked or (self._newest is not None and not self.on_demand)
+    @property
+    def due(self) -> bool:
+        """Whether a pair is to be taken."""
+        return self._asked or (self._newest is not None and not self.on_demand)
 
     def reset(self) -> None:
         """Forget everything, as after a jump back in time."""

@@ -35,7 +35,7 @@ class MotionConfig:
         odometry: subscribe to `source/odometry` and `target/odometry`; bring transforms to one
             time and publish `~/track`.
         source_mount: pose of the source's LiDAR in the frame that its odometry moves: x, y, z in
-            metres, roll, pitch, yaw in radians.
+            metres, roll, pitch, yaw in radians; the same of every source.
         target_mount: likewise of the target's.
         max_coast: seconds that `~/track` goes on without a registration that agrees with it.
         drift: how fast odometry goes wrong.
@@ -58,9 +58,11 @@ class Tracking:
     Args:
         node: to subscribe and publish from.
         config: see `MotionConfig`.
+        source: prefix of the source's topic.
+        prefix: of the topic published.
     """
 
-    def __init__(self, node: Node, config: MotionConfig) -> None:
+    def __init__(self, node: Node, config: MotionConfig, *, source: str, prefix: str) -> None:
         self._node, self._config = node, config
         self._lock = threading.Lock()
         self._filter = RelativeFilter(config.drift)
@@ -69,13 +71,14 @@ class Tracking:
             'target': Odometry(se3.from_xyz_rpy(*config.target_mount)),
         }
         self._frame = ''
-        self._publisher = node.create_publisher(PoseWithCovarianceStamped, '~/track', 10)
+        self._publisher = node.create_publisher(PoseWithCovarianceStamped, f'{prefix}track', 10)
         qos = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
-        self._inputs = [self._subscribe(side, qos) for side in self._odometry]
+        names: dict[Side, str] = {'source': source, 'target': 'target'}
+        self._inputs = [self._subscribe(side, name, qos) for side, name in names.items()]
 
-    def _subscribe(self, side: Side, qos: QoSProfile) -> Any:
+    def _subscribe(self, side: Side, name: str, qos: QoSProfile) -> Any:
         return self._node.create_subscription(
-            OdometryMessage, f'{side}/odometry', lambda message: self._moved(side, message), qos
+            OdometryMessage, f'{name}/odometry', lambda message: self._moved(side, message), qos
         )
 
     def _moved(self, side: Side, message: OdometryMessage) -> None:

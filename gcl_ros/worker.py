@@ -1,4 +1,4 @@
-"""One thread that works on the newest pair until it is stopped."""
+"""One thread that works on what it takes until it is stopped."""
 
 from __future__ import annotations
 
@@ -7,49 +7,45 @@ from collections.abc import Callable
 from typing import Generic, TypeVar
 
 from gcl_core.errors import GclError
-from gcl_ros.pairing import Pairing
 
-M = TypeVar('M')
-PATIENCE = 30.0  # seconds that stopping waits for the pair at hand
+T = TypeVar('T')
+PATIENCE = 30.0  # seconds that stopping waits for the work at hand
 
 
-class Worker(Generic[M]):
-    """Takes pairs and outlives whatever goes wrong with any of them.
+class Worker(Generic[T]):
+    """Takes one thing after the other and outlives whatever goes wrong with any of them.
 
     Args:
-        pairing: gives the pairs; it is closed when the worker stops.
-        work: done with each pair, source first.
-        failed: told why a pair was left out.
+        take: waits for the next thing; None ends the thread.
+        work: done with each.
+        failed: told why one was left out.
+        close: makes `take` return None.
     """
 
     def __init__(
         self,
-        pairing: Pairing[M],
-        work: Callable[[M, M], None],
-        failed: Callable[[str], None],
+        take: Callable[[], T | None],
+        work: Callable[[T], None],
+        failed: Callable[[T, str], None],
+        close: Callable[[], None],
     ) -> None:
-        self._pairing, self._work, self._failed = pairing, work, failed
-        self._stopping = False
+        self._take, self._work, self._failed, self._close = take, work, failed, close
+        self.stopping = False
         self._thread = threading.Thread(target=self._run, name='worker', daemon=True)
         self._thread.start()
 
-    @property
-    def stopping(self) -> bool:
-        """Whether results are not wanted any more."""
-        return self._stopping
-
     def _run(self) -> None:
-        while (pair := self._pairing.take()) is not None:
+        while (thing := self._take()) is not None:
             try:
-                self._work(*pair)
+                self._work(thing)
             except GclError as error:
-                self._failed(str(error))
+                self._failed(thing, str(error))
             except Exception as error:
-                if not self._stopping:  # a context that is shut down is no fault of the pair
-                    self._failed(f'please report: {error!r}')
+                if not self.stopping:  # a context that is shut down is no fault of the thing
+                    self._failed(thing, f'please report: {error!r}')
 
     def stop(self) -> None:
-        """Finish the pair at hand and end."""
-        self._stopping = True
-        self._pairing.close()
+        """Finish the work at hand and end; its result is not wanted any more."""
+        self.stopping = True
+        self._close()
         self._thread.join(timeout=PATIENCE)

@@ -1,0 +1,125 @@
+"""One source against the target: its pairs, what it publishes, what it knows about itself."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from rclpy.node import Node
+from sensor_msgs.msg import PointCloud2
+
+from gcl_core.types import Registration
+from gcl_ros import health
+from gcl_ros.conversions import seconds
+from gcl_ros.diagnostics import Report
+from gcl_ros.exchange import Exchange
+from gcl_ros.outputs import Outputs
+from gcl_ros.pairing import Pairing, Side
+from gcl_ros.tracking import MotionConfig, Tracking
+
+SINGLE = 'source'  # name of the only source; its topics have no prefix
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What a link publishes besides the transform and the pose."""
+
+    tf: bool
+    aligned: bool
+    matches: bool
+
+
+class Link:
+    """What the registrar holds for one source, from configure to cleanup.
+
+    Args:
+        node: to subscribe and publish from.
+        name: of the source; prefix of its topics.
+        wanted: what to publish.
+    """
+
+    def __init__(self, node: Node, name: str, wanted: Wanted) -> None:
+        self._node, self.name = node, name
+        self.prefix = '~/' if name == SINGLE else f'~/{name}/'
+        self._outputs = Outputs(
+            node,
+            prefix=self.prefix,
+            tf=wanted.tf,
+            aligned=wanted.aligned,
+            matches=wanted.matches,
+        )
+        self.pairing: Pairing[PointCloud2] | None = None
+        self._tracking: Tracking | None = None
+        self.health = health.Health(name)
+
+    def begin(self, pairing: Pairing[PointCloud2], motion: MotionConfig) -> None:
+        """Start listening."""
+        self.pairing = pairing
+        self.health = health.Health(self.name, began=time.monotonic())
+        if motion.odometry:
+            self._tracking = Tracking(self._node, motion, source=self.name, prefix=self.prefix)
+
+    def end(self) -> None:
+        """Stop listening."""
+        self.pairing = None
+        if self._tracking is not None:
+            self._tracking.destroy()
+            self._tracking = None
+
+    def destroy(self) -> None:
+        """Destroy the publishers."""
+        self._outputs.destroy()
+
+    def reset(self) -> None:
+        """Forget pairs, stamps, counts and the track."""
+        if self.pairing is not None:
+            self.pairing.reset()
+        if self._tracking is not None:
+            self._tracking.reset()
+        self.health = health.Health(self.name, began=time.monotonic())
+
+    def heard(self, side: Side, message: PointCloud2) -> None:
+        """Note a cloud."""
+        self.health.heard(side, message.header.frame_id, time.monotonic())
+
+    def register(
+        self,
+        exchange: Exchange,
+        source: PointCloud2,
+        target: PointCloud2,
+        wanted: Callable[[], bool],
+    ) -> Registration | None:
+        """Register a pair and publish what is accepted.
+
+        Args:
+            exchange: reads and registers.
+            source: message.
+            target: message.
+            wanted: whether results still are; None comes back if not.
+        """
+        scans = {'source': exchange.read(source), 'target': exchange.read(target)}
+        registered = exchange.register(**scans)
+        result, outputs = registered.result, self._outputs
+        if not wanted():
+            return None
+        stamps = {side: seconds(m.header.stamp) for side, m in zip(scans, (source, target))}
+        if result.accepted:
+            together = result
+            if self._tracking is not None:
+                together = self._tracking.registered(result, target.header.frame_id, **stamps)
+            outputs.publish(together, source=source, target=target)
+            matches = exchange.agreeing(registered) if outputs.wants_matches else None
+            outputs.show(result, target=target, cloud=scans['source'].cloud, matches=matches)
+        age = self._node.get_clock().now().nanoseconds * 1e-9 - max(stamps.values())
+        self.health.done(health.Outcome(result, age, stamps['source'] - stamps['target']))
+        return result
+
+    def report(self, limits: health.Limits, state: str) -> Report:
+        """For the diagnostics, while active."""
+        now, about = time.monotonic(), '' if self.name == SINGLE else self.name
+        level, message = self.health.judge(now, limits, self.pairing.offset())
+        figures = {'state': state, **self.health.figures(now, self.pairing.counts)}
+        if self._tracking is not None:
+            figures |= self._tracking.figures()
+        return Report(level, message, figures, about)

@@ -1,0 +1,32 @@
+"""The last few results by what they were made from, which is told by identity."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Generic, TypeVar
+
+V = TypeVar('V')
+
+
+class Recent(Generic[V]):
+    """Keeps the results last made or asked for.
+
+    Args:
+        size: how many.
+    """
+
+    def __init__(self, size: int) -> None:
+        self._size = size
+        self._kept: list[tuple[tuple[Any, ...], V]] = []
+
+    def get(self, key: tuple[Any, ...], make: Callable[[], V]) -> V:
+        """The result for the same objects and numbers, made if it is not kept."""
+        entry = next((e for e in self._kept if _same(e[0], key)), None)
+        if entry is None:
+            entry = (key, make())
+        self._kept = [*(e for e in self._kept if e is not entry), entry][-self._size :]
+        return entry[1]
+
+
+def _same(key: tuple[Any, ...], other: tuple[Any, ...]) -> bool:
+    return all(a is b or (isinstance(a, int) and a == b) for a, b in zip(key, other, strict=True))
