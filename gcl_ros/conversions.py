@@ -25,7 +25,19 @@ def point_cloud(message: Any) -> PointCloud:
         GclError: no points, a field missing or not a float, sizes that do not add up, or no finite
             point.
     """
-    name = f'cloud in frame {message.header.frame_id!r}'
+    points = every_point(message)
+    with np.errstate(over='ignore', invalid='ignore'):
+        all_finite = np.isfinite(points.sum())  # finite only if all of it is
+    return PointCloud(points) if all_finite else kept(points, finite(points), message)
+
+
+def every_point(message: Any) -> np.ndarray:
+    """Read x, y, z of every point, finite or not: (n, 3) float32.
+
+    Raises:
+        GclError: as `point_cloud`.
+    """
+    name = name_of(message)
     check_size(message, name)
     fields = {field.name: field for field in message.fields}
     for axis in 'xyz':
@@ -38,14 +50,29 @@ def point_cloud(message: Any) -> PointCloud:
             )
         if fields[axis].count > 1:
             raise GclError(f'{name}: field {axis!r} has {fields[axis].count} values a point')
-    points = _packed(message, fields, name)
-    with np.errstate(over='ignore', invalid='ignore'):
-        all_finite = np.isfinite(points.sum())  # finite only if all of it is
-    if not all_finite:
-        x, y, z = np.isfinite(points).T
-        points = np.compress(x & y & z, points, axis=0)
+    return _packed(message, fields, name)
+
+
+def name_of(message: Any) -> str:
+    """What errors call a cloud."""
+    return f'cloud in frame {message.header.frame_id!r}'
+
+
+def finite(points: np.ndarray) -> np.ndarray:
+    """Which points are finite."""
+    x, y, z = np.isfinite(points).T
+    return x & y & z
+
+
+def kept(points: np.ndarray, which: np.ndarray, message: Any) -> PointCloud:
+    """Keep some of the points of a message.
+
+    Raises:
+        GclError: none is left.
+    """
+    points = np.compress(which, points, axis=0)
     if len(points) == 0:
-        raise GclError(f'{name}: none of its points is finite; check the sensor')
+        raise GclError(f'{name_of(message)}: none of its points is finite; check the sensor')
     return PointCloud(points)
 
 

@@ -10,6 +10,7 @@ Key points of a described scan stand in for its points in the checks and in GICP
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -75,21 +76,27 @@ class Exchange:
         self._views: Recent[View] = Recent(KEPT)
         self.weights = weights_hash(registrar.model)
 
-    def read(self, message: Any) -> Scan:
+    def read(
+        self, message: Any, *, deskew: Callable[[Any], PointCloud | None] = lambda _: None
+    ) -> Scan:
         """Read a message; its fields tell whether it is raw.
+
+        Args:
+            message: sensor_msgs/PointCloud2.
+            deskew: undoes the motion during a raw scan, or gives None.
 
         Raises:
             GclError: malformed, of other weights, or too few points.
         """
-        return self._scans.get((message,), lambda: self._scan(message))
+        return self._scans.get((message,), lambda: self._scan(message, deskew))
 
-    def _scan(self, message: Any) -> Scan:
+    def _scan(self, message: Any, deskew: Callable[[Any], PointCloud | None]) -> Scan:
         if is_feature_cloud(message):
             length = self.registrar.model.config.descriptor
             headings = tuple(feature_cloud(message, self.weights, length))
             scan = Scan(PointCloud(headings[0].points.numpy()), headings)
         else:
-            scan = Scan(point_cloud(message))
+            scan = Scan(deskew(message) or point_cloud(message))
         fewest = FEWEST_KEY_POINTS if scan.headings else FEWEST_POINTS
         if len(scan.cloud) < fewest:
             raise GclError(

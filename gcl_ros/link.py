@@ -5,11 +5,12 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 from rclpy.node import Node
 from sensor_msgs.msg import PointCloud2
 
-from gcl_core.types import Registration
+from gcl_core.types import PointCloud, Registration
 from gcl_ros import health
 from gcl_ros.conversions import seconds
 from gcl_ros.diagnostics import Report
@@ -98,7 +99,10 @@ class Link:
             target: message.
             wanted: whether results still are; None comes back if not.
         """
-        scans = {'source': exchange.read(source), 'target': exchange.read(target)}
+        scans = {
+            'source': exchange.read(source, deskew=partial(self._deskewed, 'source')),
+            'target': exchange.read(target, deskew=partial(self._deskewed, 'target')),
+        }
         registered = exchange.register(**scans)
         result, outputs = registered.result, self._outputs
         if not wanted():
@@ -114,6 +118,9 @@ class Link:
         age = self._node.get_clock().now().nanoseconds * 1e-9 - max(stamps.values())
         self.health.done(health.Outcome(result, age, stamps['source'] - stamps['target']))
         return result
+
+    def _deskewed(self, side: Side, message: PointCloud2) -> PointCloud | None:
+        return None if self._tracking is None else self._tracking.deskewed(side, message)
 
     def report(self, limits: health.Limits, state: str) -> Report:
         """For the diagnostics, while active."""

@@ -19,8 +19,9 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from gcl_core import se3
 from gcl_core.errors import GclError
-from gcl_core.types import Registration
+from gcl_core.types import PointCloud, Registration
 from gcl_ros.conversions import fill_pose, pose_matrix, seconds
+from gcl_ros.deskew import deskewed
 from gcl_ros.motion import Drift, Odometry, Relative, RelativeFilter, carried
 from gcl_ros.pairing import Side
 
@@ -32,8 +33,8 @@ class MotionConfig:
     """What the vehicles' odometry is used for.
 
     Attributes:
-        odometry: subscribe to `source/odometry` and `target/odometry`; bring transforms to one
-            time and publish `~/track`.
+        odometry: subscribe to `source/odometry` and `target/odometry`; undo the motion during
+            scans whose points tell their times, bring transforms to one time, publish `~/track`.
         source_mount: pose of the source's LiDAR in the frame that its odometry moves: x, y, z in
             metres, roll, pitch, yaw in radians; the same of every source.
         target_mount: likewise of the target's.
@@ -138,6 +139,11 @@ class Tracking:
         return replace(
             result, T_target_source=together.T_target_source, covariance=together.covariance
         )
+
+    def deskewed(self, side: Side, message: Any) -> PointCloud | None:
+        """Undo the vehicle's motion during a scan; None where that cannot be done."""
+        with self._lock:
+            return deskewed(message, self._odometry[side])
 
     def reset(self) -> None:
         """Forget the estimate."""
