@@ -102,15 +102,20 @@ def test_one_wrong_registration_is_left_out_and_two_that_agree_replace():
     made, track = odometries(6.0), RelativeFilter()
     for stamp in (0.5, 1.0, 1.5):
         assert track.update(Relative(stamp, truth(stamp), SMALL), **made)
-    wrong = se3.from_xyz_rpy(x=15)
-    assert not track.update(Relative(2.0, truth(2.0) @ wrong, SMALL), **made)
+
+    def elsewhere(stamp):
+        """The source 15 m beside its true place, as it would drive there."""
+        beside = se3.from_xyz_rpy(x=15) @ driving(stamp, 'source')
+        return se3.inverse(driving(stamp, 'target')) @ beside
+
+    assert not track.update(Relative(2.0, elsewhere(2.0), SMALL), **made)
     assert track.contradicted == 1
     np.testing.assert_allclose(track.estimate.T_target_source[:3, 3], truth(2.0)[:3, 3], atol=0.1)
     assert track.update(Relative(2.5, truth(2.5), SMALL), **made)  # right again
-    assert not track.update(Relative(3.0, truth(3.0) @ wrong, SMALL), **made)
-    assert track.update(Relative(3.5, truth(3.5) @ wrong, SMALL), **made)
+    assert not track.update(Relative(3.0, elsewhere(3.0), SMALL), **made)
+    assert track.update(Relative(3.5, elsewhere(3.5), SMALL), **made)
     assert track.carry(3.5, **made)
-    np.testing.assert_allclose(track.estimate.T_target_source, truth(3.5) @ wrong, atol=0.5)
+    np.testing.assert_allclose(track.estimate.T_target_source, elsewhere(3.5), atol=0.5)
 
 
 def test_reset_forgets_and_missing_odometry_does_not_carry():
