@@ -49,6 +49,7 @@ setup(
         'test': [
             'pytest>=7',
             'hypothesis>=6',
+            'tensorboard',
             'setuptools<80',  # the last that colcon's ament_python build works with
             'colcon-core',
             'colcon-ros',
@@ -58,6 +59,7 @@ setup(
             'colcon-package-selection',
             'catkin-pkg',
         ],
+        'train': ['tensorboard'],
         'dev': ['ruff', 'mypy', 'types-PyYAML'],
     },
     entry_points={
