@@ -151,3 +151,23 @@ def test_validation_says_how_good_features_are_by_distance():
 def test_learning_rate(cooldown, rates):
     config = OptimizerConfig(learning_rate=1.0, warmup=0, cooldown=cooldown)
     assert [config.rate(step, 100) for step in (0, 50, 100)] == pytest.approx(rates)
+
+
+def test_cached_samples_are_the_same_and_stay_within_the_limit(tmp_path):
+    def stream(cache):
+        return SampleStream(CONFIG.samples, CONFIG.network, 1, range(3), 3, cache=cache)
+
+    plain = list(stream(None))
+    for _ in range(2):
+        for a, b in zip(plain, stream((tmp_path, 1.0)), strict=True):
+            assert torch.equal(a.voxels.keys, b.voxels.keys)
+            assert a.voxels.splits == b.voxels.splits
+            np.testing.assert_array_equal(a.T_centre_scan, b.T_centre_scan)
+    files = sorted(tmp_path.rglob('*.safetensors'))
+    assert len(files) == 3
+    files[0].write_bytes(b'damaged')
+    assert torch.equal(next(iter(stream((tmp_path, 1.0)))).voxels.keys, plain[0].voxels.keys)
+    limit = 2.5 * files[1].stat().st_size / 1e9
+    files[0].unlink()
+    list(stream((tmp_path, limit)))
+    assert len(list(tmp_path.rglob('*.safetensors'))) == 2
