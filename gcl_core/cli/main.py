@@ -1,4 +1,4 @@
-"""`gcl`: register two scans, train, evaluate, make bags."""
+"""`gcl`: register two scans, train, evaluate, simulate, inspect, make bags."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ import argparse
 import sys
 from collections.abc import Sequence
 
-from gcl_core.cli import bag, evaluate, register, train
+from gcl_core.cli import bag, evaluate, inspect, register, simulate, train
 from gcl_core.errors import GclError
 
-COMMANDS = (register, train, evaluate, bag)
+COMMANDS = (register, train, evaluate, simulate, inspect, bag)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
