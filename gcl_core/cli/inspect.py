@@ -142,7 +142,7 @@ def _compare(sequence: Sequence, options: argparse.Namespace) -> None:
         scans = [scan for part in parts for scan in part.scans]
         shares = [share for part in parts for share in part.groups]
         name = f'simulated {options.sensor}, {kind or "all kinds"}'
-        pictures = [part.pictures[0] for part in parts[: 2 if kind else 5]]
+        pictures = [part.pictures[0] for part in (parts[:2] if kind else parts[2:8])]
         samples.append(Sample(name, scans, shares, pictures))
     for sample in samples:
         _print_table(sample)

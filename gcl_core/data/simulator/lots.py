@@ -80,7 +80,7 @@ def suburb(lot: Lot) -> None:
     lot.put(part, 'facade', rng.normal(), setback + width / 2, rng.normal() * 0.04)
     _behind(lot, 0.8, setback + 24, setback + 40)
     _boundary(lot, 0.35, 0.6)
-    _greenery(lot, 4.0, 8.0)
+    _greenery(lot, 4.5, 10.0)
     if rng.random() < 0.4:
         out = rng.uniform(2.5, max(3.0, setback))
         lot.put(vehicles.car(rng), 'paint', lot.along(0.4), out, np.pi / 2)
@@ -108,7 +108,7 @@ def green(lot: Lot) -> None:
         lot.put(part, 'facade', rng.normal(), rng.uniform(3, 12) + width / 2, rng.normal() * 0.04)
     _behind(lot, 0.4, 30, 60)
     _boundary(lot, 0.25, 0.2)
-    _greenery(lot, 6.0, 12.0)
+    _greenery(lot, 8.0, 14.0)
     _clutter(lot, 1.0, 8)
 
 
