@@ -128,7 +128,10 @@ class Street:
                     self._put(part, 'facade', middle + direction * offset, side * out, yaw)
                 else:
                     self._put(
-                        vegetation.tree(rng), 'leaf', middle + direction * offset, side * out
+                        vegetation.tree(rng, detail=0.5),
+                        'leaf',
+                        middle + direction * offset,
+                        side * out,
                     )
                 if rng.random() < 0.4 * built:
                     kerb = middle + direction * (half - 0.8)
@@ -148,7 +151,7 @@ class Street:
                 part = silhouette(rng.uniform(8, 20), width, height, rng)
                 self._put(part, 'facade', s, lateral, rng.normal() * 0.1)
             else:
-                self._put(vegetation.tree(rng), 'leaf', s, lateral)
+                self._put(vegetation.tree(rng, detail=0.3), 'leaf', s, lateral)
 
     def _line_kerb(self, side: int, rng: np.random.Generator, kind: Kind) -> None:
         """Parked cars, lamps, signs, street trees and clutter along the kerb."""

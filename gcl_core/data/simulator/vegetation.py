@@ -17,11 +17,16 @@ def _blob(
     return direction * radii * rng.uniform(0.1, 1.0, size=(count, 1)) ** 0.6
 
 
-def tree(rng: np.random.Generator) -> Triangles:
-    """Deciduous or conical tree, 3 to 14 m, trunk at the origin."""
+def tree(rng: np.random.Generator, *, detail: float = 1.0) -> Triangles:
+    """Deciduous or conical tree, 3 to 14 m, trunk at the origin.
+
+    Args:
+        rng: decides on its shape.
+        detail: share of its leaves, which are larger the fewer they are; less for distant trees.
+    """
     height = rng.uniform(3.5, 14.0)
     trunk = cylinder(rng.uniform(0.08, 0.35), 0.6 * height, sides=7, top_radius=0.06)
-    count = int(rng.uniform(50, 170) * height)
+    count = int(detail * rng.uniform(50, 150) * height)
     if rng.random() < 0.25:
         level = rng.random(count) ** 1.5
         reach = (1.0 - level) * rng.uniform(0.15, 0.25) * height
@@ -39,7 +44,7 @@ def tree(rng: np.random.Generator) -> Triangles:
             z = rng.uniform(crown_base + radii[2], max(height - radii[2], crown_base + radii[2]))
             parts.append(_blob(count // clumps, radii, rng) + [offset[0], offset[1], z])
         centres = np.concatenate(parts)
-    return np.concatenate([trunk, leaves(centres, rng.uniform(0.09, 0.2), rng)])
+    return np.concatenate([trunk, leaves(centres, rng.uniform(0.09, 0.2) / detail**0.5, rng)])
 
 
 def bush(rng: np.random.Generator) -> Triangles:
