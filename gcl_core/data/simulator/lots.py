@@ -32,11 +32,11 @@ class Lot:
         return float(self.rng.uniform(-share, share) * self.length)
 
 
-def _greenery(lot: Lot, trees: float, bushes: float, first: float = 0.8) -> None:
+def _greenery(lot: Lot, trees: float, bushes: float, first: float = 1.2) -> None:
     rng = lot.rng
     for _ in range(rng.poisson(trees)):
         out = rng.uniform(first + 0.4, 40.0)
-        part = vegetation.tree(rng, detail=1.0 if out < 12.0 else 0.4)
+        part = vegetation.tree(rng, detail=1.0 if out < 12.0 else 0.4, roadside=out < 5.0)
         lot.put(part, 'leaf', lot.along(), out, 0.0)
     for _ in range(rng.poisson(bushes)):
         lot.put(vegetation.bush(rng), 'leaf', lot.along(), rng.uniform(first, 20.0), 0.0)
