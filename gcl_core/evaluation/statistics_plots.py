@@ -51,7 +51,7 @@ def comparison(path: Path, samples: List[Sample]) -> None:
 
     pictures = [(sample.name, cloud) for sample in samples for cloud in sample.pictures]
     rows = 1 + -(-len(pictures) // 4)
-    figure = Figure(figsize=(18, 5 * rows))
+    figure = Figure(figsize=(14, 4 * rows))
     middle = (RINGS[:-1] + RINGS[1:]) / 2
     for column, (field, title, log) in enumerate(
         (
@@ -80,7 +80,7 @@ def comparison(path: Path, samples: List[Sample]) -> None:
     for number, (name, cloud) in enumerate(pictures):
         axes = figure.add_subplot(rows, 4, 5 + number)
         draw_scan(axes, cloud)
-        axes.set_title(f'{name}: {len(cloud)} points', fontsize=10)
+        axes.set_title(f'{name}: {len(cloud)} points', fontsize=8)
     figure.tight_layout()
     save(figure, path)
 
