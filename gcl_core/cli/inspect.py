@@ -10,7 +10,9 @@ from typing import Any
 import numpy as np
 
 from gcl_core import se3
-from gcl_core.data.kitti import KittiSequence
+from gcl_core.cli.source import add_layout
+from gcl_core.data.formats import open_sequence
+from gcl_core.data.overlap import overlap
 from gcl_core.data.sequence import Sequence, positions
 from gcl_core.data.simulator.kinds import KINDS
 from gcl_core.data.simulator.sensors import SENSORS
@@ -22,7 +24,6 @@ from gcl_core.evaluation.statistics import (
     every,
     group_statistics,
     measure,
-    overlap,
 )
 from gcl_core.evaluation.statistics_plots import Sample, comparison, scan_picture
 
@@ -36,9 +37,10 @@ def add_parser(commands: Any) -> None:
         epilog='Example: gcl inspect --kitti DIR --sequence 08 --pair 120 100 --picture pair.png',
     )
     source = parser.add_mutually_exclusive_group(required=True)
-    source.add_argument('--kitti', type=Path, help='folder with sequences/ and poses/')
+    source.add_argument('--data', '--kitti', type=Path, help='data set, bag, or folder of clouds')
     source.add_argument('--simulated', type=int, metavar='SEED', help='a simulated drive')
-    parser.add_argument('--sequence', default='00', help='sequence in the KITTI folder')
+    parser.add_argument('--sequence', help='KITTI digits, nuScenes log, …; default: the only one')
+    add_layout(parser)
     parser.add_argument('--sensor', default='hdl64e', choices=sorted(SENSORS), help='simulated')
     parser.add_argument('--kind', choices=sorted(KINDS), help='kind of simulated place')
     what = parser.add_mutually_exclusive_group()
@@ -61,8 +63,8 @@ def run(options: argparse.Namespace) -> int:
     if options.scans < 1 or (options.compare is not None and options.compare < 1):
         raise GclError('--scans and --compare must be at least 1')
     sequence: Sequence = (
-        KittiSequence(options.kitti, options.sequence)
-        if options.kitti
+        open_sequence(options.data, options.sequence, layout=options.format)
+        if options.data
         else SimulatedSequence(options.simulated, sensor=options.sensor, kind=options.kind)
     )
     if options.pair:

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from jaxtyping import Float, Int64
-from scipy.spatial import cKDTree
 
 from gcl_core import se3
 from gcl_core.data.groups import draw_neighbors, find_groups
@@ -53,18 +52,6 @@ def measure(cloud: PointCloud) -> ScanStatistics:
         neighbors = total / voxels
     points = np.histogram(np.linalg.norm(cloud.points, axis=1), RINGS)[0]
     return ScanStatistics(points, voxels, neighbors, float(occupied.mean()))
-
-
-def overlap(
-    *, source: PointCloud, target: PointCloud, T_target_source: Float[np.ndarray, '4 4']
-) -> float:
-    """Share of the source's voxels within 0.45 m of one of the target's, both within 80 m."""
-    s, t = (
-        voxelize([c], voxel_size=VOXEL, max_range=MAX_RANGE).points.numpy()
-        for c in (source, target)
-    )
-    distance, _ = cKDTree(t).query(se3.transform(T_target_source, s), distance_upper_bound=RADIUS)
-    return float(np.isfinite(distance).mean())
 
 
 @dataclass(frozen=True)

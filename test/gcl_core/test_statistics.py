@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from gcl_core import se3
+from gcl_core.data.overlap import overlap
 from gcl_core.errors import GclError
-from gcl_core.evaluation.statistics import every, group_statistics, measure, overlap
+from gcl_core.evaluation.statistics import every, group_statistics, measure
 from gcl_core.types import PointCloud
 
 
