@@ -56,6 +56,7 @@ setup(
         'test': [
             'pytest>=7',
             'hypothesis>=6',
+            'tensorboard',
             'setuptools<80',  # the last that colcon's ament_python build works with
             'colcon-core',
             'colcon-ros',
@@ -65,6 +66,7 @@ setup(
             'colcon-package-selection',
             'catkin-pkg',
         ],
+        'train': ['tensorboard'],
         'kiss': ['kiss-matcher>=1.0'],  # one more estimator, for comparison
         'dev': ['ruff', 'mypy', 'types-PyYAML'],
     },

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import platform
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -73,12 +74,11 @@ def run(options: argparse.Namespace) -> int:
     registrar = Registrar(config)
 
     yaw_seed = options.seed if options.random_yaw else None
-    predictions = []
+    predictions: list[Prediction] = []
     with tqdm(total=len(pairs.pairs), unit='pair') as bar:
         for name, sequence in sequences.items():
-            own = pairs.of(name, sequence)
-            predictions += _predict(options, registrar, sequence, own, yaw_seed)
-            bar.update(len(own))
+            own = _shown(pairs.of(name, sequence), bar)
+            predictions += _predict(registrar, options, sequence, own, yaw_seed)
     rows = score(predictions)
     print(f'{pairs.label}, source turned {"at random" if options.random_yaw else "not"}')
     print(markdown(rows))
@@ -93,30 +93,6 @@ def run(options: argparse.Namespace) -> int:
         }
         options.out.write_text(json.dumps(content, default=lambda a: a.tolist()) + '\n')
     return 0
-
-
-def _predict(
-    options: argparse.Namespace,
-    registrar: Registrar,
-    sequence: Sequence,
-    pairs: list[Pair],
-    yaw_seed: int | None,
-) -> list[Prediction]:
-    """Run the estimators to be compared, or the registrar and the peers, on one sequence."""
-    if options.estimators:
-        names, features = options.estimators, options.features
-        return list(compare(registrar, names, features, sequence, pairs, random_yaw_seed=yaw_seed))
-    methods: dict[str, Method] = {'GCL-ROS': _accepted(registrar)}
-    methods.update({name: PEERS[name] for name in options.peers})
-    return list(predict(methods, sequence, pairs, random_yaw_seed=yaw_seed))
-
-
-def _accepted(registrar: Registrar) -> Method:
-    def ours(source: PointCloud, target: PointCloud) -> Any:
-        result = registrar.register(source=source, target=target)
-        return result.T_target_source if result.accepted else None
-
-    return ours
 
 
 def _pairs(options: argparse.Namespace) -> tuple[PairList, dict[str, Sequence]]:
@@ -141,3 +117,32 @@ def _pairs(options: argparse.Namespace) -> tuple[PairList, dict[str, Sequence]]:
             names = [sequence.name for sequence in sequences.values()]
             raise GclError(f'{", ".join(names)}: no two scans 5 to 50 m apart')
     return pairs, sequences
+
+
+def _shown(pairs: Iterable[Pair], bar: Any) -> Iterator[Pair]:
+    for pair in pairs:
+        yield pair
+        bar.update()
+
+
+def _predict(
+    registrar: Registrar,
+    options: argparse.Namespace,
+    sequence: Sequence,
+    pairs: Iterable[Pair],
+    yaw_seed: int | None,
+) -> Iterator[Prediction]:
+    if options.estimators:
+        names, features = options.estimators, options.features
+        return compare(registrar, names, features, sequence, pairs, random_yaw_seed=yaw_seed)
+    methods: dict[str, Method] = {'GCL-ROS': _accepted(registrar)}
+    methods.update({name: PEERS[name] for name in options.peers})
+    return predict(methods, sequence, pairs, random_yaw_seed=yaw_seed)
+
+
+def _accepted(registrar: Registrar) -> Method:
+    def ours(source: PointCloud, target: PointCloud) -> Any:
+        result = registrar.register(source=source, target=target)
+        return result.T_target_source if result.accepted else None
+
+    return ours

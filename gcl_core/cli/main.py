@@ -1,4 +1,4 @@
-"""`gcl`: register two scans, train, evaluate, list pairs, make bags."""
+"""`gcl`: register two scans, train, evaluate, list pairs, simulate, inspect, make bags."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ import argparse
 import sys
 from collections.abc import Sequence
 
-from gcl_core.cli import bag, evaluate, pairs, register, train
+from gcl_core.cli import bag, evaluate, inspect, pairs, register, simulate, train
 from gcl_core.errors import GclError
 
-COMMANDS = (register, train, evaluate, pairs, bag)
+COMMANDS = (register, train, evaluate, pairs, simulate, inspect, bag)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -21,6 +21,8 @@ def add_parser(commands: Any) -> None:
     )
     parser.add_argument('--config', type=Path, required=True, help='YAML of TrainConfig')
     parser.add_argument('--out', type=Path, required=True, help='checkpoint, log, curves, weights')
+    parser.add_argument('--cache', type=Path, help='keep cut samples here, to use them again')
+    parser.add_argument('--cache-gb', type=float, default=10.0, help='largest size of the cache')
     parser.set_defaults(run=run)
 
 
@@ -32,8 +34,9 @@ def run(options: argparse.Namespace) -> int:
     from gcl_core.training.trainer import Trainer
 
     config = load_config(TrainConfig, options.config)
+    cache = (options.cache, options.cache_gb) if options.cache else None
     with processes() as own:
-        trainer = Trainer(config, options.out, own)
+        trainer = Trainer(config, options.out, own, cache=cache)
         trainer.run()
         if not own.first:
             return 0

@@ -8,10 +8,15 @@ import numpy as np
 from jaxtyping import Float
 
 from gcl_core import se3
-from gcl_core.data.simulator import furniture
 from gcl_core.data.simulator.buildings import house
+from gcl_core.data.simulator.casting import Scene
+from gcl_core.data.simulator.furniture import lamp
 from gcl_core.data.simulator.primitives import Triangles, box, place
-from gcl_core.data.simulator.sensors import Scene, scan, sensor_named
+from gcl_core.data.simulator.returns import draw_conditions
+from gcl_core.data.simulator.sensors import sensor_named
+from gcl_core.data.simulator.surfaces import NAMES, soup
+from gcl_core.data.simulator.sweep import sweep
+from gcl_core.data.simulator.vehicles import car
 from gcl_core.types import PointCloud
 
 REACH = 150.0  # metres of street to either side of the middle
@@ -48,14 +53,16 @@ class RepeatedSequence:
                 turn = 0.0 if side > 0 else np.pi
                 parts += [place(part, x=x, y=y, yaw=turn) for x in np.arange(-REACH, REACH, pitch)]
             parts += self._things(middle, rng)
-        return Scene(np.concatenate(parts))
+        owner = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
+        surface = np.full(len(parts), NAMES.index('facade'))
+        return Scene(soup(np.concatenate(parts), owner, surface, rng))
 
     @staticmethod
     def _things(middle: float, rng: np.random.Generator) -> list[Triangles]:
         """What differs from lot to lot; often nothing."""
         things = []
         for _ in range(rng.integers(0, 12)):
-            part = furniture.car(rng) if rng.random() < 0.5 else furniture.pole(rng)
+            part = car(rng) if rng.random() < 0.5 else lamp(rng)
             y = middle + rng.choice([-1, 1]) * (HALF_ROAD - 1.5)
             things.append(place(part, x=rng.uniform(-REACH, REACH), y=y))
         return things
@@ -76,4 +83,7 @@ class RepeatedSequence:
     def scan(self, index: int) -> PointCloud:
         """Cast one turn of the sensor."""
         rng = np.random.default_rng([self._seed, 3, index])
-        return scan(self._sensor, [self._scene], self.T_world_lidar(index), rng)
+        conditions = draw_conditions(self._sensor, np.random.default_rng([self._seed, 4]))
+        still = np.zeros(2)
+        pose = self.T_world_lidar(index)
+        return sweep(self._sensor, self._scene, None, pose, still, conditions, rng)

@@ -130,5 +130,5 @@ class ResUNet(nn.Module):
         for level in range(output):
             points = barycentres(points, pyramid.parent[level], len(pyramid.keys[level + 1]))
         scan = pyramid.keys[output] >> 48
-        splits = torch.searchsorted(scan, torch.arange(len(voxels.splits)))
+        splits = torch.searchsorted(scan, torch.arange(len(voxels.splits), device=scan.device))
         return points, descriptors, tuple(splits.tolist())

@@ -19,8 +19,10 @@ from gcl_core.data.formats import open_sequences
 from gcl_core.data.group_index import GroupIndex, ScanGroup
 from gcl_core.errors import GclError
 from gcl_core.models.resunet import ResUNet, ResUNetConfig
+from gcl_core.training.sample import Sample
+from gcl_core.training.sample_cache import SampleCache, folder_for
 from gcl_core.training.simulated import SimulatedGroups, SimulationConfig
-from gcl_core.types import PointCloud, SparseTensor
+from gcl_core.types import PointCloud
 
 
 @dataclass(frozen=True)
@@ -73,19 +75,6 @@ class Groups(Protocol):
         """Draw group `number`: the centre and its neighbours, or one neighbour that far away."""
 
 
-@dataclass(frozen=True)
-class Sample:
-    """A centre scan (first) and its neighbours, ready for the network.
-
-    Attributes:
-        voxels: of all scans, each turned by its augmentation.
-        T_centre_scan: from each turned scan's frame to the centre's own.
-    """
-
-    voxels: SparseTensor
-    T_centre_scan: Float[np.ndarray, 's 4 4']
-
-
 @lru_cache(maxsize=1)
 def source_of(config: SampleConfig) -> Groups:
     """Open what the recipe trains on."""
@@ -129,20 +118,36 @@ class SampleStream(IterableDataset[Sample]):
         seed: of everything.
         numbers: of the samples to yield, in order.
         last: number of samples of the whole run.
+        cache: folder to keep samples in, and its largest size in GB; None cuts each anew.
     """
 
     def __init__(
-        self, config: SampleConfig, network: ResUNetConfig, seed: int, numbers: range, last: int
+        self,
+        config: SampleConfig,
+        network: ResUNetConfig,
+        seed: int,
+        numbers: range,
+        last: int,
+        *,
+        cache: tuple[Path, float] | None = None,
     ) -> None:
         self._config, self._network = config, network
         self._seed, self._numbers, self._last = seed, numbers, last
+        if cache:
+            folder = folder_for(cache[0], config, network, seed, last)
+            self._cache: SampleCache | None = SampleCache(folder, cache[1])
+        else:
+            self._cache = None
 
     def __iter__(self) -> Iterator[Sample]:
         voxelizer = ResUNet(self._network)
         worker = get_worker_info()
         own = self._numbers[worker.id :: worker.num_workers] if worker else self._numbers
         for number in own:
-            yield self.sample(number, voxelizer)
+            if self._cache:
+                yield self._cache.get(number, lambda n: self.sample(n, voxelizer))
+            else:
+                yield self.sample(number, voxelizer)
 
     def sample(self, number: int, voxelizer: ResUNet) -> Sample:
         """Cut sample `number`."""

@@ -22,7 +22,8 @@ from gcl_core.training.distributed import Processes
 from gcl_core.training.log import TrainingLog
 from gcl_core.training.memory import keep_freed_memory
 from gcl_core.training.recipe import OptimizerConfig, TrainConfig
-from gcl_core.training.samples import Sample, SampleStream, leave_cores_to_the_network
+from gcl_core.training.sample import Sample
+from gcl_core.training.samples import SampleStream, leave_cores_to_the_network
 from gcl_core.training.validation import top1, validate
 
 
@@ -33,12 +34,19 @@ class Trainer:
         config: see `TrainConfig`.
         folder: checkpoint and log; a checkpoint found there is resumed.
         processes: which process of how many this is.
+        cache: folder for cut samples and its largest size in GB; for runs that share samples.
     """
 
     def __init__(
-        self, config: TrainConfig, folder: Path, processes: Processes | None = None
+        self,
+        config: TrainConfig,
+        folder: Path,
+        processes: Processes | None = None,
+        *,
+        cache: tuple[Path, float] | None = None,
     ) -> None:
         self.config, self.folder = config, folder
+        self._cache = cache
         self.processes = processes or Processes()
         self._share = self.processes.share(config.batch)
         folder.mkdir(parents=True, exist_ok=True)
@@ -96,7 +104,9 @@ class Trainer:
         )
         last = config.steps * config.batch
         loader = DataLoader(
-            SampleStream(config.samples, config.network, config.seed, numbers, last),
+            SampleStream(
+                config.samples, config.network, config.seed, numbers, last, cache=self._cache
+            ),
             batch_size=None,
             num_workers=config.workers,
             multiprocessing_context='spawn',

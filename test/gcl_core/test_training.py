@@ -1,16 +1,27 @@
 """The trainer on a tiny network: it learns, logs, and resumes to the same weights."""
 
 import json
-from dataclasses import replace
+import subprocess
+import sys
+from dataclasses import asdict, replace
 
+import numpy as np
+import pytest
 import torch
+import yaml
+from scipy.spatial import cKDTree
 
+from gcl_core import se3
+from gcl_core.data.simulator.sequence import SimulatedSequence
+from gcl_core.errors import GclError
 from gcl_core.losses.combined import LossConfig
-from gcl_core.models.resunet import ResUNetConfig
+from gcl_core.models.resunet import ResUNet, ResUNetConfig
+from gcl_core.training.distributed import Processes
 from gcl_core.training.recipe import GroupConfig, OptimizerConfig, TrainConfig
-from gcl_core.training.samples import SampleConfig, SampleStream
-from gcl_core.training.simulated import SimulationConfig
+from gcl_core.training.samples import SampleConfig, SampleStream, augment
+from gcl_core.training.simulated import SimulatedGroups, SimulationConfig
 from gcl_core.training.trainer import Trainer
+from gcl_core.training.validation import validate
 
 CONFIG = TrainConfig(
     network=ResUNetConfig(
@@ -58,3 +69,105 @@ def test_loss_falls_on_one_sample(tmp_path):
     sample = next(iter(SampleStream(config.samples, config.network, 1, range(1), 1)))
     losses = [trainer.train_step([sample])['contrast'] for _ in range(15)]
     assert losses[-1] < losses[0] - 0.5
+
+
+def rows(folder):
+    return [json.loads(line) for line in (folder / 'log.jsonl').open()]
+
+
+def save_yaml(path, config):
+    path.write_text(yaml.safe_dump(json.loads(json.dumps(asdict(config)))))
+
+
+def test_two_processes_take_the_steps_of_one(tmp_path):
+    config = replace(CONFIG, batch=2, steps=3)
+    save_yaml(tmp_path / 'recipe.yaml', config)
+    Trainer(config, tmp_path / 'one').run()
+    launch = [sys.executable, '-m', 'torch.distributed.run', '--standalone', '--nproc_per_node=2']
+    command = ['-m', 'gcl_core.cli.main', 'train', '--config', str(tmp_path / 'recipe.yaml')]
+    subprocess.run([*launch, *command, '--out', str(tmp_path / 'two')], check=True, timeout=100)
+    one, two = rows(tmp_path / 'one'), rows(tmp_path / 'two')
+    assert [row['step'] for row in two] == [1, 2, 3]
+    # The first process logs its own half of the batch; the gradient is everyone's.
+    for a, b in zip(one, two, strict=True):
+        assert b['gradient'] == pytest.approx(a['gradient'], rel=1e-3)
+
+
+def test_a_batch_that_cannot_be_shared_is_refused():
+    with pytest.raises(GclError, match='multiple of 2'):
+        Processes(rank=0, count=2).share(3)
+
+
+def test_recorded_drives_and_pair_stages(tmp_path):
+    street = SimulatedSequence(5, sensor='hdl32e', span=60.0, spacing=2.0)
+    for i in range(len(street)):
+        np.save(tmp_path / f'{i:03d}.npy', street.scan(i).points)
+    poses = [street.T_world_lidar(i)[:3].ravel() for i in range(len(street))]
+    np.savetxt(tmp_path / 'poses.txt', poses)
+    samples = SampleConfig(data=str(tmp_path), phi=2, pair_stages=((5, 10), (20, 25)))
+    stream = list(SampleStream(samples, CONFIG.network, 1, range(4), 4))
+    away = [np.linalg.norm(sample.T_centre_scan[1, :3, 3]) for sample in stream]
+    assert [len(sample.T_centre_scan) for sample in stream] == [2, 2, 2, 2]
+    assert all(4.5 < a < 10.5 for a in away[:2])
+    assert all(19.5 < a < 25.5 for a in away[2:])
+    loss = LossConfig(contrast=0, variance=0, finest=0, pair=1, negative=1, gcl_from=0)
+    trainer = Trainer(replace(CONFIG, samples=samples, loss=loss), tmp_path / 'run')
+    row = trainer.train_step([stream[0]])
+    assert {'pair', 'negative'} <= set(row)
+
+
+@pytest.mark.parametrize('route', ['along', 'oncoming'])
+def test_augmented_scans_stay_where_their_poses_say(route):
+    """Points of all scans, brought to the centre's frame, lie on the centre's own."""
+    config = SampleConfig(
+        simulation=SimulationConfig(sensors=('hdl64e',), oncoming=float(route == 'oncoming')),
+        phi=2,
+        keep=0.5,
+    )
+    group = SimulatedGroups(config.simulation, 2).group(3, seed=1)
+    clouds, poses = augment(group, config, 0.5, np.random.default_rng(0))
+    tree = cKDTree(group.clouds[0].points)
+    for cloud, pose in zip(clouds, poses, strict=True):
+        aligned = se3.transform(pose, cloud.points)
+        away = np.linalg.norm(aligned[:, :2], axis=1)
+        near = aligned[(away > 5) & (away < 15)]
+        assert len(near) > 20
+        assert np.median(tree.query(near)[0]) < 0.3
+    headings = [np.arctan2(T[1, 0], T[0, 0]) for T in poses]
+    turned = [abs(np.angle(np.exp(1j * (h - headings[0])))) for h in headings[1:]]
+    assert (np.rad2deg(turned) < 50).all()  # also what drove the other way
+
+
+def test_validation_says_how_good_features_are_by_distance():
+    torch.manual_seed(0)
+    figures = validate(ResUNet(CONFIG.network).eval())
+    assert {'valid/inliers_5_10', 'valid/recall_40_50'} <= set(figures)
+    assert all(0 <= value <= 1 for value in figures.values())
+
+
+@pytest.mark.parametrize(
+    ('cooldown', 'rates'), [(1.0, (1.0, 0.505, 0.01)), (0.5, (1.0, 1.0, 0.01))]
+)
+def test_learning_rate(cooldown, rates):
+    config = OptimizerConfig(learning_rate=1.0, warmup=0, cooldown=cooldown)
+    assert [config.rate(step, 100) for step in (0, 50, 100)] == pytest.approx(rates)
+
+
+def test_cached_samples_are_the_same_and_stay_within_the_limit(tmp_path):
+    def stream(cache):
+        return SampleStream(CONFIG.samples, CONFIG.network, 1, range(3), 3, cache=cache)
+
+    plain = list(stream(None))
+    for _ in range(2):
+        for a, b in zip(plain, stream((tmp_path, 1.0)), strict=True):
+            assert torch.equal(a.voxels.keys, b.voxels.keys)
+            assert a.voxels.splits == b.voxels.splits
+            np.testing.assert_array_equal(a.T_centre_scan, b.T_centre_scan)
+    files = sorted(tmp_path.rglob('*.safetensors'))
+    assert len(files) == 3
+    files[0].write_bytes(b'damaged')
+    assert torch.equal(next(iter(stream((tmp_path, 1.0)))).voxels.keys, plain[0].voxels.keys)
+    limit = 2.5 * files[1].stat().st_size / 1e9
+    files[0].unlink()
+    list(stream((tmp_path, limit)))
+    assert len(list(tmp_path.rglob('*.safetensors'))) == 2
