@@ -121,7 +121,8 @@ class Rig:
         return self.status is not None and text in self.status.message
 
     def figures(self) -> dict:
-        return {value.key: value.value for value in self.status.values}
+        """Of the last diagnostics; none before the first."""
+        return {value.key: value.value for value in self.status.values} if self.status else {}
 
     def close(self) -> None:
         self._open = False
