@@ -17,12 +17,12 @@ from gcl_core.config import load_config
 from gcl_core.errors import GclError
 from gcl_core.evaluation import metrics
 from gcl_core.evaluation.predict import Method, Prediction
-from gcl_core.matching.keypoints import choose
 from gcl_core.registrar import Registrar, RegistrarConfig
 from gcl_core.types import Features, PointCloud
 from gcl_ros.bag import pair_list_label, read_encounters
 from gcl_ros.evaluate_bag import described, offline, raw
 from gcl_ros.exchange import Exchange, Scan
+from gcl_ros.feature_cloud import selected
 from gcl_ros.report import write_report
 
 COUNTS = (250, 500, 1000, 2000, 5000)
@@ -33,7 +33,7 @@ def in_bf16(exchange: Exchange, keypoints: int) -> Method:
     """Registers a source described with so many key points, rounded to bfloat16."""
 
     def method(source: PointCloud, target: PointCloud) -> np.ndarray | None:
-        kept = choose(exchange.registrar.model.describe([source])[0], keypoints)
+        kept = selected(exchange.registrar.model.describe([source])[0], keypoints)
         rounded = Features(kept.points, kept.descriptors.to(torch.bfloat16).float())
         scan = Scan(PointCloud(kept.points.numpy()), (rounded,))
         result = exchange.register(source=scan, target=Scan(target)).result

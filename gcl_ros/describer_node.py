@@ -35,7 +35,7 @@ class DescriberConfig:
     Attributes:
         autostart: configure and activate at start; otherwise wait for lifecycle transitions.
         weights: a shipped name or a file; the registrar must have the same.
-        keypoints: most key points of a scan, spread evenly in space.
+        keypoints: most key points of a scan, spread evenly in space, most above the ground.
         turns: headings at which a scan is described. 1 is enough for a registrar that has the
             raw points of the other vehicle; where both come described, one side needs 6 unless
             both face the same way within 40 degrees. Time and size grow with it.

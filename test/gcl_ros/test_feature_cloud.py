@@ -13,6 +13,7 @@ from gcl_ros.feature_cloud import (
     feature_cloud,
     fill_feature_cloud,
     is_feature_cloud,
+    selected,
     turns_of,
     weights_hash,
 )
@@ -34,6 +35,20 @@ def written(headings, limit=1000) -> PointCloud2:
 def test_a_thousand_key_points_fit_forty_kilobytes():
     message = written([features(7000)])
     assert (message.height, message.width, len(message.data)) == (1, 1000, 38_000)
+
+
+def test_most_key_points_are_above_the_ground():
+    """Ground has little to tell places apart by, but some of it is needed for the checks."""
+    ground, high = features(4000), features(3000, seed=1)
+    ground.points[:, 2], high.points[:, 2] = -1.7, 3.0
+    both = Features(
+        torch.cat([ground.points, high.points]), torch.cat([ground.descriptors, high.descriptors])
+    )
+    kept = selected(both, 1000)
+    assert len(kept) == 1000
+    assert int((kept.points[:, 2] > 0).sum()) == 800
+    assert len(selected(ground, 1000)) == len(selected(high, 1000)) == 1000
+    assert len(selected(both, 6500)) == 6500
 
 
 def test_round_trip_at_every_heading():
