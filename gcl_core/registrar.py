@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import torch
@@ -30,6 +31,7 @@ from gcl_core.estimation.refine import Prepared, RefineConfig, prepare
 from gcl_core.estimation.surface import Surface, surface
 from gcl_core.matching.match import MatchConfig, match
 from gcl_core.models import zoo
+from gcl_core.ops.native.kernels import kernels_for
 from gcl_core.types import Features, PointCloud, Registration
 
 BEARABLE_YAW = np.deg2rad(40.0)  # between two scans; trained with up to 25 degrees on each
@@ -43,6 +45,8 @@ class RegistrarConfig:
 
     Attributes:
         weights: a shipped name or a file.
+        precision: of the network: `bfloat16`, `float32`, or `auto`: bfloat16 where the processor
+            multiplies it natively.
         turns: headings at which the source is described. The shipped weights bear about 40
             degrees between two vehicles: 1 is for vehicles that face the same way, 6 for any.
         min_probability: of being right (within 0.6 m and 1.5 degrees) for a transform to be
@@ -54,6 +58,7 @@ class RegistrarConfig:
     """
 
     weights: str = zoo.DEFAULT
+    precision: Literal['auto', 'bfloat16', 'float32'] = 'auto'
     turns: int = 6
     min_probability: float = 0.9
     match: MatchConfig = field(default_factory=MatchConfig)
@@ -64,6 +69,7 @@ class RegistrarConfig:
     def __post_init__(self) -> None:
         if self.turns < 1:
             raise GclError(f'turns is {self.turns}; it must be at least 1')
+        zoo.dtype_named(self.precision)
         if not 0 <= self.min_probability <= 1:
             raise GclError(f'min_probability is {self.min_probability}; it must lie in [0, 1]')
 
@@ -103,8 +109,14 @@ class Registrar:
     def __init__(self, config: RegistrarConfig | None = None) -> None:
         self.config = config or RegistrarConfig()
         self.model = zoo.load_weights(self.config.weights)
-        self.model.dtype = zoo.best_dtype()
+        self.model.dtype = zoo.dtype_named(self.config.precision)
         self.calibration = load_calibration(calibration_file(self.config.weights))
+
+    @property
+    def engine(self) -> str:
+        """How scans are described on this machine, for the log."""
+        kernels = 'compiled kernels' if kernels_for(torch.empty(0, dtype=self.model.dtype)) else ''
+        return f'{str(self.model.dtype).split(".")[1]}, {kernels or "plain torch"}'
 
     def view(self, cloud: PointCloud, *, turns: int = 1) -> View:
         """Describe a scan at evenly spaced headings, and prepare it for checks and refinement.

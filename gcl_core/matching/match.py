@@ -9,7 +9,8 @@ import torch
 
 from gcl_core.errors import GclError
 from gcl_core.matching.keypoints import choose
-from gcl_core.matching.nearest import mutual_nearest, product_dtype, top_k
+from gcl_core.matching.nearest import mutual_nearest, top_k
+from gcl_core.ops.precision import best_dtype
 from gcl_core.types import Correspondences, Features
 
 
@@ -42,7 +43,7 @@ def match(*, source: Features, target: Features, config: MatchConfig) -> Corresp
     """Match key points by their descriptors."""
     source = choose(source, config.keypoints, spatially=config.spread)
     target = choose(target, config.keypoints, spatially=config.spread)
-    dtype = product_dtype()
+    dtype = best_dtype()
     p, q = source.descriptors.to(dtype), target.descriptors.to(dtype)
     if config.kind == 'mutual':
         rows, columns = mutual_nearest(p, q)

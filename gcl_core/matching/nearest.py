@@ -14,15 +14,6 @@ LANES = 64  # every 64th column is searched as one: torch's indexed maximum is s
 Result = TypeVar('Result')
 
 
-def product_dtype() -> torch.dtype:
-    """bfloat16 where this processor multiplies it natively (3 times the speed), else float32.
-
-    Its 8 bits change a similarity by 0.3 %: among near ties, another of them may be the nearest.
-    """
-    capable = torch.cpu._is_avx512_bf16_supported() or torch.cpu._is_amx_tile_supported()
-    return torch.bfloat16 if capable else torch.float32
-
-
 def mutual_nearest(
     source: Float[torch.Tensor, 'n d'], target: Float[torch.Tensor, 'm d']
 ) -> tuple[Int64[torch.Tensor, ' k'], Int64[torch.Tensor, ' k']]:

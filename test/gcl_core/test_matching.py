@@ -28,7 +28,7 @@ def test_mutual_matches_across_chunks():
 
 @pytest.mark.parametrize('counts', [(300, 700), (700, 300), (65, 1)])
 def test_mutual_matches_are_those_of_the_full_matrix(counts, monkeypatch):
-    monkeypatch.setattr('gcl_core.matching.match.product_dtype', lambda: torch.float32)
+    monkeypatch.setattr('gcl_core.matching.match.best_dtype', lambda: torch.float32)
     source, target = (features(n, seed=i) for i, n in enumerate(counts))
     matches = match(source=source, target=target, config=MatchConfig())
     s = source.descriptors @ target.descriptors.t()
