@@ -86,7 +86,8 @@ class NodeConfig:
             )
 
 
-LIVE = ('max_pair_dt', 'on_demand', 'silence', 'max_age')  # and the registrar's, but the weights
+LIVE = ('max_pair_dt', 'on_demand', 'silence', 'max_age')  # and the registrar's, but the network's
+NETWORK = ('registrar.weights', 'registrar.precision')
 
 
 class RegistrarNode(ConfiguredNode[NodeConfig]):
@@ -131,7 +132,8 @@ class RegistrarNode(ConfiguredNode[NodeConfig]):
             self.create_subscription(PointCloud2, f'{name}/points', receive, qos)
             for name, receive in {**receivers, 'target': self._receive_target}.items()
         ]
-        self.get_logger().info(f'ready; weights {config.registrar.weights}')
+        engine = self._exchange.registrar.engine
+        self.get_logger().info(f'ready; weights {config.registrar.weights}, {engine}')
 
     def end(self) -> None:
         """Unsubscribe and let the worker finish its pair, which is not published any more."""
@@ -153,7 +155,7 @@ class RegistrarNode(ConfiguredNode[NodeConfig]):
 
     def live(self, name: str) -> bool:
         """Whether a parameter may change while the node is configured."""
-        return name in LIVE or (name.startswith('registrar.') and name != 'registrar.weights')
+        return name in LIVE or (name.startswith('registrar.') and name not in NETWORK)
 
     def changed(self, config: NodeConfig) -> None:
         """Use other settings from the next pair on."""
