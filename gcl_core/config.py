@@ -62,9 +62,20 @@ def _convert(hint: Any, value: Any, where: str) -> Any:
     if origin in (typing.Union, types.UnionType):
         if value is None and type(None) in args:
             return None
-        return _convert(next(a for a in args if a is not type(None)), value, where)
+        return _convert(_chosen([a for a in args if a is not type(None)], value), value, where)
     if hint is float and isinstance(value, int) and not isinstance(value, bool):
         return float(value)
     if not isinstance(value, hint) or (isinstance(value, bool) and hint is not bool):
         raise GclError(f'{where}: expected {hint.__name__}, got {value!r}')
     return value
+
+
+def _chosen(kinds: list[Any], value: Any) -> Any:
+    """Dataclass of which a `Literal` field has the value given for it; otherwise the first."""
+    for kind in kinds if isinstance(value, Mapping) else []:
+        hints = typing.get_type_hints(kind) if dataclasses.is_dataclass(kind) else {}
+        for key, hint in hints.items():
+            literal = typing.get_origin(hint) is typing.Literal
+            if literal and key in value and value[key] in typing.get_args(hint):
+                return kind
+    return kinds[0]

@@ -160,13 +160,13 @@ def test_cached_samples_are_the_same_and_stay_within_the_limit(tmp_path):
     plain = list(stream(None))
     for _ in range(2):
         for a, b in zip(plain, stream((tmp_path, 1.0)), strict=True):
-            assert torch.equal(a.voxels.keys, b.voxels.keys)
-            assert a.voxels.splits == b.voxels.splits
+            assert torch.equal(a.inputs.keys, b.inputs.keys)
+            assert a.inputs.splits == b.inputs.splits
             np.testing.assert_array_equal(a.T_centre_scan, b.T_centre_scan)
     files = sorted(tmp_path.rglob('*.safetensors'))
     assert len(files) == 3
     files[0].write_bytes(b'damaged')
-    assert torch.equal(next(iter(stream((tmp_path, 1.0)))).voxels.keys, plain[0].voxels.keys)
+    assert torch.equal(next(iter(stream((tmp_path, 1.0)))).inputs.keys, plain[0].inputs.keys)
     limit = 2.5 * files[1].stat().st_size / 1e9
     files[0].unlink()
     list(stream((tmp_path, limit)))
