@@ -55,7 +55,7 @@ class KPConvConfig:
     radius: float = 4.25
     extent: float = 2.0
     kernel: int = 15
-    limits: tuple[int, ...] = (64, 64, 64, 64)
+    limits: tuple[int, ...] = (60, 66, 70, 75)
 
     def __post_init__(self) -> None:
         if len(self.limits) != self.levels or min(self.limits) < 1:

@@ -11,6 +11,7 @@ features, then times W. The gradient of the input is the same with the two sides
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -39,7 +40,7 @@ class Influences:
     """
 
     start: Int64[torch.Tensor, ' r+1']
-    column: Int64[torch.Tensor, ' e']
+    column: Int32[torch.Tensor, ' e']
     value: Float[torch.Tensor, ' e']
     kernel: int
     num_inputs: int
@@ -54,11 +55,13 @@ class Influences:
         """The same influences from the inputs' side: what the backward pass gathers by."""
         row = torch.repeat_interleave(self.start.diff())
         output, kernel_point = row // self.kernel, row % self.kernel
-        own = self.column * self.kernel + kernel_point
+        own = self.column.long() * self.kernel + kernel_point
         order = torch.argsort(own, stable=True)
         sizes = torch.bincount(own, minlength=self.num_inputs * self.kernel)
         start = torch.cat([sizes.new_zeros(1), sizes.cumsum(0)])
-        return Influences(start, output[order], self.value[order], self.kernel, self.num_outputs)
+        return Influences(
+            start, output[order].int(), self.value[order], self.kernel, self.num_outputs
+        )
 
     def chunks(self, channels: int) -> Iterator[tuple[slice, torch.Tensor]]:
         """Output rows, and their part of the matrix, for so many features a point."""
@@ -67,14 +70,14 @@ class Influences:
             rows = slice(first, min(first + size, self.num_outputs))
             start = self.start[rows.start * self.kernel : rows.stop * self.kernel + 1]
             entries = slice(int(start[0]), int(start[-1]))
-            matrix = torch.sparse_csr_tensor(
-                start - start[0],
-                self.column[entries],
-                self.value[entries],
-                (len(start) - 1, self.num_inputs),
-                check_invariants=False,
-            )
-            yield rows, matrix
+            yield rows, self._matrix((start - start[0]).int(), entries)
+
+    def _matrix(self, start: torch.Tensor, entries: slice) -> torch.Tensor:
+        shape = (len(start) - 1, self.num_inputs)
+        column, value = self.column[entries], self.value[entries]
+        with warnings.catch_warnings():
+            warnings.filterwarnings('ignore', message='Sparse CSR tensor support is in beta')
+            return torch.sparse_csr_tensor(start, column, value, shape, check_invariants=False)
 
 
 def influences(
@@ -110,11 +113,13 @@ def _by_torch(
     kernel = kernel.to(outputs) / extent
     left = torch.cat([-2 * kernel, torch.ones_like(kernel[:, :1])], 1)
     reach = 1 - kernel.square().sum(1, keepdim=True)
+    padded = torch.cat([inputs, inputs.new_zeros(1, 3)])  # what is missing reads the last
     size = max(1, INFLUENCE_VALUES // max(1, width * count))
     sizes, columns, values = [], [], []
     for first in range(0, len(outputs), size):
-        table = neighbors[first : first + size].long()
-        offset = inputs[table.clamp(max=missing - 1)] - outputs[first : first + size, None]
+        nearby = neighbors[first : first + size]
+        table = nearby.long()
+        offset = padded[table] - outputs[first : first + size, None]
         offset /= extent
         far = torch.where(table < missing, offset.square().sum(2), torch.inf)
         right = torch.cat([offset, far.unsqueeze(2)], 2).transpose(1, 2)
@@ -123,10 +128,12 @@ def _by_torch(
         row = entry // width
         distance = (squared.ravel()[entry] - (reach - 1).ravel()[row % count]).clamp(min=0).sqrt()
         sizes.append(torch.bincount(row, minlength=len(table) * count))
-        columns.append(table.ravel()[row // count * width + entry % width])
+        columns.append(
+            neighbors[first : first + size].ravel()[row // count * width + entry % width]
+        )
         values.append(1 - distance)
     start = torch.cat([torch.zeros(1, dtype=torch.long, device=outputs.device), *sizes]).cumsum(0)
-    column = torch.cat([start[:0], *columns])
+    column = torch.cat([neighbors[:0, 0], *columns])
     return start, column, torch.cat([outputs[:0, 0], *values])
 
 

@@ -50,6 +50,11 @@ def neighbor_max(
         x: features of the inputs.
         neighbors: rows of `x` around each output, `len(x)` where there is none; the first column
             is never missing.
+
+    Raises:
+        ValueError: an output has no neighbour.
     """
+    if len(neighbors) and int(neighbors[:, 0].max()) >= len(x):
+        raise ValueError('a point of the coarser level has no neighbour in the finer one')
     out: torch.Tensor = _NeighborMax.apply(x, neighbors)
     return out

@@ -15,6 +15,7 @@ from gcl_core import se3
 from gcl_core.data.simulator.sequence import SimulatedSequence
 from gcl_core.errors import GclError
 from gcl_core.losses.combined import LossConfig
+from gcl_core.models.kpconv_resunet import KPConvConfig
 from gcl_core.models.resunet import ResUNet, ResUNetConfig
 from gcl_core.training.distributed import Processes
 from gcl_core.training.recipe import GroupConfig, OptimizerConfig, TrainConfig
@@ -41,19 +42,29 @@ CONFIG = TrainConfig(
 )
 
 
-def test_resumed_run_ends_at_the_same_weights(tmp_path):
-    whole = Trainer(CONFIG, tmp_path / 'whole')
+KPCONV = replace(
+    CONFIG,
+    network=KPConvConfig(voxel_size=0.6, max_range=25.0, width=8, output_level=1),
+    loss=replace(CONFIG.loss, pair=1.0, variance=0.0),
+)
+BOTH = pytest.mark.parametrize('recipe', [CONFIG, KPCONV], ids=['conv', 'kpconv'])
+
+
+@BOTH
+def test_resumed_run_ends_at_the_same_weights(tmp_path, recipe):
+    whole = Trainer(recipe, tmp_path / 'whole')
     whole.run()
     rows = [json.loads(line) for line in (tmp_path / 'whole/log.jsonl').open()]
     assert [row['step'] for row in rows] == [1, 2, 3, 4]
-    assert {'contrast', 'variance', 'finest', 'negative'} <= set(rows[-1])
+    positive = 'variance' if recipe.loss.variance else 'pair'
+    assert {'contrast', positive, 'finest', 'negative'} <= set(rows[-1])
 
-    broken = Trainer(CONFIG, tmp_path / 'broken')
-    stream = SampleStream(CONFIG.samples, CONFIG.network, CONFIG.seed, range(2), CONFIG.steps)
+    broken = Trainer(recipe, tmp_path / 'broken')
+    stream = SampleStream(recipe.samples, recipe.network, recipe.seed, range(2), recipe.steps)
     for sample in stream:
         broken.train_step([sample])
     broken.save()
-    resumed = Trainer(CONFIG, tmp_path / 'broken')
+    resumed = Trainer(recipe, tmp_path / 'broken')
     assert resumed.step == 2
     resumed.run()
     for (name, a), b in zip(
@@ -62,9 +73,10 @@ def test_resumed_run_ends_at_the_same_weights(tmp_path):
         torch.testing.assert_close(a, b, msg=name)
 
 
-def test_loss_falls_on_one_sample(tmp_path):
+@BOTH
+def test_loss_falls_on_one_sample(tmp_path, recipe):
     optimizer = OptimizerConfig(learning_rate=5e-3, warmup=3)
-    config = replace(CONFIG, steps=30, optimizer=optimizer, loss=LossConfig())
+    config = replace(recipe, steps=30, optimizer=optimizer, loss=LossConfig())
     trainer = Trainer(config, tmp_path)
     sample = next(iter(SampleStream(config.samples, config.network, 1, range(1), 1)))
     losses = [trainer.train_step([sample])['contrast'] for _ in range(15)]

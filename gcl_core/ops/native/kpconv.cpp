@@ -60,7 +60,7 @@ void neighbor_max(const T* x, int64_t n_inputs, int64_t channels, const int32_t*
 extern "C" void gcl_influences(const float* outputs, const float* inputs, int64_t n_inputs,
                                const int32_t* neighbors, int64_t n_outputs, int64_t width,
                                const float* kernel, int64_t n_kernel, float extent, int64_t* start,
-                               int64_t* column, float* value, int threads) {
+                               int32_t* column, float* value, int threads) {
     const float reach = extent * extent;
     const int64_t padded = (n_kernel + LANES - 1) / LANES * LANES;
     std::vector<float> axes(3 * padded, 1e9f);  // what fills up is out of everyone's reach

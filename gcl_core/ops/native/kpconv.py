@@ -18,7 +18,7 @@ def influence_entries(
     kernel: Float[torch.Tensor, 'p 3'],
     extent: float,
 ) -> (
-    tuple[Int64[torch.Tensor, ' r+1'], Int64[torch.Tensor, ' e'], Float[torch.Tensor, ' e']] | None
+    tuple[Int64[torch.Tensor, ' r+1'], Int32[torch.Tensor, ' e'], Float[torch.Tensor, ' e']] | None
 ):
     """Start, column and value of `gcl_core.ops.kpconv.Influences`."""
     plain = all(t.dtype == torch.float32 and not t.is_cuda for t in (outputs, inputs, kernel))
@@ -28,11 +28,11 @@ def influence_entries(
     outputs, inputs, neighbors = outputs.contiguous(), inputs.contiguous(), neighbors.contiguous()
     by_axis = kernel.t().contiguous()
     start = torch.zeros(len(outputs) * len(kernel) + 1, dtype=torch.long)
-    column, value = torch.empty(0, dtype=torch.long), torch.empty(0)
+    column, value = torch.empty(0, dtype=torch.int32), torch.empty(0)
     for fill in (False, True):
         if fill:
             start = start.cumsum(0)
-            column = torch.empty(int(start[-1]), dtype=torch.long)
+            column = torch.empty(int(start[-1]), dtype=torch.int32)
             value = torch.empty(int(start[-1]))
         lib.gcl_influences(
             *(_at(outputs), _at(inputs), ctypes.c_int64(len(inputs))),
