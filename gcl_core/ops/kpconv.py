@@ -128,9 +128,7 @@ def _by_torch(
         row = entry // width
         distance = (squared.ravel()[entry] - (reach - 1).ravel()[row % count]).clamp(min=0).sqrt()
         sizes.append(torch.bincount(row, minlength=len(table) * count))
-        columns.append(
-            neighbors[first : first + size].ravel()[row // count * width + entry % width]
-        )
+        columns.append(nearby.ravel()[row // count * width + entry % width])
         values.append(1 - distance)
     start = torch.cat([torch.zeros(1, dtype=torch.long, device=outputs.device), *sizes]).cumsum(0)
     column = torch.cat([neighbors[:0, 0], *columns])

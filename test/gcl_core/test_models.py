@@ -99,7 +99,7 @@ def test_untrained_networks_register_a_scan_with_itself(tmp_path, tiny_network, 
     zoo.save_weights(path, tiny_network, {})
     registrar = Registrar(RegistrarConfig(weights=str(path), turns=1))
     points = drive.scan(90).points
-    scan = PointCloud(points[np.linalg.norm(points, axis=1) < 15.0])
+    scan = PointCloud(points[np.linalg.norm(points, axis=1) < 12.0])
     result = registrar.register(source=scan, target=scan)
     assert metrics.registered(result.T_target_source, np.eye(4), metrics.STRICT)
     far = PointCloud(np.full((10, 3), 1000.0, np.float32))

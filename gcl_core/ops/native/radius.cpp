@@ -51,36 +51,46 @@ extern "C" void gcl_radius(const float* support, int64_t n_support, const float*
 #pragma omp parallel num_threads(threads)
     {
         std::vector<int32_t> near;
+        std::vector<double> where[3], squared;
         std::vector<uint64_t> found;
 #pragma omp for schedule(dynamic, 64)
         for (int64_t group = 0; group < int64_t(begins.size()) - 1; ++group) {
             const int64_t cell = to[begins[group]].cell;
             near.clear();
+            for (auto& axis : where) axis.clear();
             for (int64_t dx = -1; dx <= 1; ++dx)
                 for (int64_t dy = -1; dy <= 1; ++dy) {
                     const int64_t middle = cell + dx * (int64_t(1) << 2 * AXIS_BITS) +
                                            dy * (int64_t(1) << AXIS_BITS);
                     auto it = std::lower_bound(from.begin(), from.end(), Placed{middle - 1, -1});
-                    for (; it != from.end() && it->cell <= middle + 1; ++it)
+                    for (; it != from.end() && it->cell <= middle + 1; ++it) {
                         near.push_back(it->row);
+                        for (int axis = 0; axis < 3; ++axis)
+                            where[axis].push_back(support[3 * it->row + axis]);
+                    }
                 }
+            const int64_t n_near = near.size();
+            squared.resize(n_near);
             for (int64_t place = begins[group]; place < begins[group + 1]; ++place) {
                 const int64_t i = to[place].row;
                 found.clear();
-                for (int32_t j : near) {
-                    double squared = 0;
-                    for (int axis = 0; axis < 3; ++axis) {
-                        const double d = double(support[3 * j + axis]) - query[3 * i + axis];
-                        squared += d * d;
-                    }
-                    if (squared > radius * radius) continue;
-                    const float coarse = float(squared);  // its bits sort as it does: not negative
+                const double x = query[3 * i], y = query[3 * i + 1], z = query[3 * i + 2];
+                const double *nx = where[0].data(), *ny = where[1].data(), *nz = where[2].data();
+                double* s = squared.data();
+                for (int64_t k = 0; k < n_near; ++k) {
+                    const double dx = nx[k] - x, dy = ny[k] - y, dz = nz[k] - z;
+                    s[k] = dx * dx + dy * dy + dz * dz;
+                }
+                for (int64_t k = 0; k < n_near; ++k) {
+                    if (s[k] > radius * radius) continue;
+                    const float coarse = float(s[k]);  // its bits sort as it does: not negative
                     uint32_t bits;
                     std::memcpy(&bits, &coarse, 4);
-                    found.push_back(uint64_t(bits) << 32 | uint32_t(j));
+                    found.push_back(uint64_t(bits) << 32 | uint32_t(near[k]));
                 }
                 const int64_t kept = std::min<int64_t>(limit, found.size());
-                std::partial_sort(found.begin(), found.begin() + kept, found.end());
+                std::nth_element(found.begin(), found.begin() + kept, found.end());
+                std::sort(found.begin(), found.begin() + kept);
                 counts[i] = int32_t(found.size());
                 for (int64_t k = 0; k < limit; ++k)
                     rows[i * limit + k] = int32_t(k < kept ? uint32_t(found[k]) : n_support);
