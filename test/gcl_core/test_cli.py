@@ -138,7 +138,8 @@ def test_lists_of_other_drives_are_refused(tmp_path, folder, capsys):
 
 
 @pytest.mark.parametrize(
-    'shape', ['encoder: [4, 4, 4, 4], decoder: [4, 4]', 'backbone: kpconv, width: 8, output_level: 1']
+    'shape',
+    ['encoder: [4, 4, 4, 4], decoder: [4, 4]', 'backbone: kpconv, width: 8, output_level: 1'],
 )
 def test_train_writes_weights_that_register_reads(tmp_path, pair, capsys, shape):
     (tmp_path / 'train.yaml').write_text(
