@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Generic, Protocol, TypeVar, cast
 
@@ -19,24 +20,21 @@ HEIGHT_SCALE = 3.0  # metres; brings heights of cars and eaves to the size of th
 HEIGHT_LIMIT = 12.0  # metres; above it a tree is a tree
 
 
-class BackboneConfig(Protocol):
-    """What every backbone's config has.
+@dataclass(frozen=True)
+class BackboneConfig:
+    """What the config of every backbone has, besides `backbone`, the name it is chosen by.
 
     Attributes:
-        backbone: name of the kind of network, by which a config chooses it.
         voxel_size: edge of an input voxel, metres.
         max_range: points beyond it are left out, metres.
+        descriptor: length of a descriptor.
         height_input: add the height above the local ground to the constant 1 of the paper.
     """
 
-    @property
-    def backbone(self) -> str: ...  # noqa: D102
-    @property
-    def voxel_size(self) -> float: ...  # noqa: D102
-    @property
-    def max_range(self) -> float: ...  # noqa: D102
-    @property
-    def height_input(self) -> bool: ...  # noqa: D102
+    voxel_size: float = 0.3
+    max_range: float = 80.0
+    descriptor: int = 32
+    height_input: bool = False
 
 
 class Prepared(Protocol):

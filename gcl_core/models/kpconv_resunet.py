@@ -10,32 +10,30 @@ from jaxtyping import Float
 from torch import nn
 
 from gcl_core.errors import GclError
-from gcl_core.models.backbone import Backbone
+from gcl_core.models.backbone import Backbone, BackboneConfig
 from gcl_core.models.kpconv_blocks import ConvNorm, ResidualBlock, Unary, leaky
 from gcl_core.ops.kernel_points import kernel_points
 from gcl_core.ops.kpconv import Influences, influences
 from gcl_core.ops.point_pyramid import PointPyramid, build_point_pyramid
 from gcl_core.types import SparseTensor
 
-SHELL = 1.5  # mean distance of the kernel points from their centre, extents (KPConv, section 3.2)
+# Mean distance of the kernel points from their centre, in extents (KPConv, section 3.2; public
+# code: 0.66 of the radius, which is 1.4 here).
+SHELL = 1.5
 
 
 @dataclass(frozen=True)
-class KPConvConfig:
+class KPConvConfig(BackboneConfig):
     """Shape of the network; the defaults are the paper's GCL+KPConv.
 
     Attributes:
         backbone: chooses this network in a config.
-        voxel_size: cell of the first grid, metres; it doubles from level to level.
-        max_range: points beyond it are left out, metres.
         width: channels of the first residual block; it doubles from level to level.
-        levels: grids.
+        levels: grids; the first has the size of a voxel, each further one twice the last's.
         output_level: grid of the features: 0 for the first (the paper), 1 for one of twice the
             size, which costs less than half.
-        decoder_blocks: a residual block after each step up but the last (the paper); without
-            them it is KP-FCNN, as in the public code.
-        descriptor: length of a descriptor.
-        height_input: add the height above the local ground to the constant 1 of the paper.
+        decoder_blocks: a residual block after each step up but the last, which makes the decoder
+            mirror the encoder as the paper says; without them it is KP-FCNN, as in public code.
         radius: of a neighbourhood, cells.
         extent: distance from a kernel point at which its influence ends, cells.
         kernel: kernel points, one of them in the centre.
@@ -44,14 +42,10 @@ class KPConvConfig:
     """
 
     backbone: Literal['kpconv'] = 'kpconv'
-    voxel_size: float = 0.3
-    max_range: float = 80.0
     width: int = 128
     levels: int = 4
     output_level: int = 0
     decoder_blocks: bool = True
-    descriptor: int = 32
-    height_input: bool = False
     radius: float = 4.25
     extent: float = 2.0
     kernel: int = 15
@@ -62,6 +56,10 @@ class KPConvConfig:
             raise GclError(
                 f'network.limits is {self.limits}: give one positive number for each of '
                 f'{self.levels} levels, see `python -m gcl_core.training.neighbor_limits`'
+            )
+        if self.width < 2 or self.kernel < 1:
+            raise GclError(
+                f'network.width is {self.width} and kernel {self.kernel}; the least are 2 and 1'
             )
         if not 0 <= self.output_level < self.levels - 1:
             raise GclError(
@@ -93,11 +91,11 @@ class KPConvResUNet(Backbone[KPConvConfig, PointPyramid]):
                 width = wide
         self.up, self.decode = nn.ModuleList(), nn.ModuleList()
         for level in range(config.levels - 2, config.output_level - 1, -1):
+            joined, width = width + skips[level], widths[level]
             if level == config.output_level:
-                self.head = nn.Linear(width + skips[level], config.descriptor)
-                break
-            self.up.append(Unary(width + skips[level], widths[level]))
-            width = widths[level]
+                self.head = nn.Linear(joined, config.descriptor)
+                continue
+            self.up.append(Unary(joined, width))
             if config.decoder_blocks:
                 self.decode.append(ResidualBlock(width, width, kernel))
 

@@ -10,7 +10,7 @@ import torch
 from jaxtyping import Float
 from torch import nn
 
-from gcl_core.models.backbone import Backbone
+from gcl_core.models.backbone import Backbone, BackboneConfig
 from gcl_core.models.blocks import ConvNorm, ResidualBlock
 from gcl_core.ops.kernel_map import build_pyramid
 from gcl_core.ops.voxelize import barycentres
@@ -18,30 +18,22 @@ from gcl_core.types import SparseTensor
 
 
 @dataclass(frozen=True)
-class ResUNetConfig:
+class ResUNetConfig(BackboneConfig):
     """Shape of the network; the defaults are the paper's GCL+Conv ("fat", about 15 M weights).
 
     Attributes:
         backbone: chooses this network in a config.
-        voxel_size: edge of an input voxel, metres.
-        max_range: points beyond it are left out, metres.
         encoder: channels at strides 1, 2, 4, 8.
         decoder: channels after each upsampling, coarsest first. As many as lead from stride 8
             to the output: three for features on the input voxels (the paper), two for features
             at stride 2, which cost a third.
         head: channels between the two 1x1 layers.
-        descriptor: length of a descriptor.
-        height_input: add the height above the local ground to the constant 1 of the paper.
     """
 
     backbone: Literal['conv'] = 'conv'
-    voxel_size: float = 0.3
-    max_range: float = 80.0
     encoder: tuple[int, ...] = (32, 64, 128, 256)
     decoder: tuple[int, ...] = (256, 128, 128)
     head: int = 128
-    descriptor: int = 32
-    height_input: bool = False
 
     @property
     def output_level(self) -> int:

@@ -109,7 +109,11 @@ def test_untrained_networks_register_a_scan_with_itself(tmp_path, tiny_network, 
 
 @pytest.mark.parametrize(
     ('values', 'message'),
-    [({'limits': (60, 60)}, 'one positive number for each of 4'), ({'output_level': 3}, '0 to 2')],
+    [
+        ({'limits': (60, 60)}, 'one positive number for each of 4'),
+        ({'output_level': 3}, 'choose from 0 to 2'),
+        ({'width': 1}, 'width is 1'),
+    ],
 )
 def test_bad_kpconv_configs_are_named(values, message):
     with pytest.raises(GclError, match=message):
