@@ -60,6 +60,7 @@ setup(
             'catkin-pkg',
         ],
         'train': ['tensorboard'],
+        'kiss': ['kiss-matcher>=1.0'],  # one more estimator, for comparison
         'dev': ['ruff', 'mypy', 'types-PyYAML'],
     },
     entry_points={

@@ -1,4 +1,4 @@
-"""A pair of scans to a registration: voxelize, describe, match, estimate, refine."""
+"""A pair of scans to a registration: describe, match, estimate, verify, refine, judge."""
 
 from __future__ import annotations
 
@@ -6,19 +6,36 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import torch
+from jaxtyping import Float
 
 from gcl_core import se3
 from gcl_core.errors import GclError
-from gcl_core.estimation.ransac import RansacConfig, distinct, ransac
-from gcl_core.estimation.refine import RefineConfig, prepare, refine
-from gcl_core.matching.mutual import match_mutual
+from gcl_core.estimation.confidence import load_calibration
+from gcl_core.estimation.decision import (
+    Finalist,
+    VerifyConfig,
+    examine,
+    refine_finalists,
+    summary,
+)
+from gcl_core.estimation.estimators import EstimatorConfig, estimate
+from gcl_core.estimation.evidence import Scene
+from gcl_core.estimation.hypothesis import Hypothesis, ranked
+from gcl_core.estimation.likeness import keypoint_grid, raised
+from gcl_core.estimation.refine import Prepared, RefineConfig, prepare
+from gcl_core.estimation.surface import Surface, surface
+from gcl_core.matching.match import MatchConfig, match
 from gcl_core.models import zoo
+from gcl_core.ops.native.kernels import kernels_for
 from gcl_core.types import Features, PointCloud, Registration
 
 BEARABLE_YAW = np.deg2rad(40.0)  # between two scans; trained with up to 25 degrees on each
+SHIPPED = f'{zoo.DEFAULT}.calibration.json'
 TURN_MARGIN = np.deg2rad(25.0)  # beyond half a turn step, headings are another turn's business
 
 
@@ -28,24 +45,62 @@ class RegistrarConfig:
 
     Attributes:
         weights: a shipped name or a file.
+        precision: of the network: `bfloat16`, `float32`, or `auto`: bfloat16 where the processor
+            multiplies it natively.
         turns: headings at which the source is described. The shipped weights bear about 40
             degrees between two vehicles: 1 is for vehicles that face the same way, 6 for any.
-        min_inliers: correspondences that must agree for a transform to be reported.
-        min_lead: how many times as many as for the best other place.
-        ransac: search for the transform.
+        min_probability: of being right (within 0.6 m and 1.5 degrees) for a transform to be
+            accepted.
+        match: features to correspondences.
+        estimator: search for hypotheses.
+        verify: dense checks of hypotheses.
         refine: GICP afterwards.
     """
 
     weights: str = zoo.DEFAULT
+    precision: Literal['auto', 'bfloat16', 'float32'] = 'auto'
     turns: int = 6
-    min_inliers: int = 20
-    min_lead: float = 1.5
-    ransac: RansacConfig = field(default_factory=RansacConfig)
+    min_probability: float = 0.9
+    match: MatchConfig = field(default_factory=MatchConfig)
+    estimator: EstimatorConfig = field(default_factory=EstimatorConfig)
+    verify: VerifyConfig = field(default_factory=VerifyConfig)
     refine: RefineConfig = field(default_factory=RefineConfig)
 
     def __post_init__(self) -> None:
         if self.turns < 1:
             raise GclError(f'turns is {self.turns}; it must be at least 1')
+        zoo.dtype_named(self.precision)
+        if not 0 <= self.min_probability <= 1:
+            raise GclError(f'min_probability is {self.min_probability}; it must lie in [0, 1]')
+
+
+@dataclass(frozen=True)
+class View:
+    """One scan, ready to be registered to others; made once per scan.
+
+    Attributes:
+        headings: features in the frames turned by `turns`.
+        turns: T_turned_lidar of each heading; the first is the identity.
+        surface: for checks.
+        prepared: for refinement.
+    """
+
+    headings: list[Features]
+    turns: Float[torch.Tensor, 'turns 4 4']
+    surface: Surface
+    prepared: Prepared
+
+
+def max_heading(turns: int) -> float:
+    """Largest heading of a transform that is searched for at each of so many turns, radians."""
+    return float(min(np.pi / turns, BEARABLE_YAW) + TURN_MARGIN)
+
+
+def calibration_file(weights: str) -> Path:
+    """Where the calibration of weights lies: beside them; the shipped one for others without."""
+    beside = Path(weights).with_suffix('.calibration.json')
+    shipped = zoo.FOLDER / f'{weights}.calibration.json'
+    return next((p for p in (beside, shipped) if p.is_file()), zoo.FOLDER / SHIPPED)
 
 
 class Registrar:
@@ -54,19 +109,29 @@ class Registrar:
     def __init__(self, config: RegistrarConfig | None = None) -> None:
         self.config = config or RegistrarConfig()
         self.model = zoo.load_weights(self.config.weights)
-        self.model.dtype = zoo.best_dtype()
+        self.model.dtype = zoo.dtype_named(self.config.precision)
+        self.calibration = load_calibration(calibration_file(self.config.weights))
 
-    def describe(self, cloud: PointCloud) -> Features:
-        """Describe one scan."""
-        return self.model.describe([cloud])[0]
+    @property
+    def engine(self) -> str:
+        """How scans are described on this machine, for the log."""
+        kernels = 'compiled kernels' if kernels_for(torch.empty(0, dtype=self.model.dtype)) else ''
+        return f'{str(self.model.dtype).split(".")[1]}, {kernels or "plain torch"}'
 
-    def describe_turned(self, cloud: PointCloud) -> list[tuple[np.ndarray, Features]]:
-        """Describe a scan at every heading; returns (T_turned_lidar, features in that frame)."""
-        headings = 2 * np.pi * np.arange(self.config.turns) / self.config.turns
-        turns = [se3.from_xyz_rpy(yaw=float(heading)) for heading in headings]
-        return [
-            (turn, self.describe(PointCloud(se3.transform(turn, cloud.points)))) for turn in turns
-        ]
+    def view(self, cloud: PointCloud, *, turns: int = 1) -> View:
+        """Describe a scan at evenly spaced headings, and prepare it for checks and refinement.
+
+        Raises:
+            GclError: no point lies within the network's range.
+        """
+        matrices = [se3.from_xyz_rpy(yaw=2 * np.pi * k / turns) for k in range(turns)]
+        turned = [PointCloud(se3.transform(T, cloud.points)) for T in matrices]
+        return View(
+            headings=[self.model.describe([c])[0] for c in turned],
+            turns=torch.from_numpy(np.stack(matrices)),
+            surface=surface(cloud),
+            prepared=prepare(cloud, self.config.refine),
+        )
 
     def register(self, *, source: PointCloud, target: PointCloud) -> Registration:
         """Find the transform that maps source points into the target frame.
@@ -76,67 +141,99 @@ class Registrar:
         """
         watch = Stopwatch()
         with watch('describe'):
-            target_features = self.describe(target)
-            turned_features = self.describe_turned(source)
-        leaders = self._search(turned_features, target_features, watch)
-        inliers = leaders[0].inliers if leaders else 0
-        offered = leaders[0].offered if leaders else 0
-        reason = self._doubt(leaders)
-        if reason:
-            return Registration(None, inliers, offered, reason, watch.stop())
+            views = {'target': self.view(target)}
+            views['source'] = self.view(source, turns=self.config.turns)
+        return self.register_views(**views, watch=watch)
+
+    def register_views(
+        self, *, source: View, target: View, watch: Stopwatch | None = None
+    ) -> Registration:
+        """Register scans that were prepared by `view`, the source at all headings."""
+        watch = watch or Stopwatch()
+        hypotheses, offered = self.search(source=source, target=target, watch=watch)
+        if not hypotheses:
+            return Registration(None, 0, offered, 'no consistent correspondences', watch.stop())
+        with watch('verify'):
+            scene = self.scene(source=source, target=target)
+            odds = self.calibration.rank.log_odds(examine(hypotheses, scene, self.config.verify))
         with watch('refine'):
-            config = self.config.refine
-            clouds = {'source': prepare(source, config), 'target': prepare(target, config)}
-            T = refine(leaders[0].T_target_source, **clouds, config=config)
-        return Registration(T, inliers, offered, '', watch.stop())
+            finalists = self.finalists(hypotheses, odds, scene, source=source, target=target)
+        winner, columns = summary(finalists, self.calibration)
+        probability = float(self.calibration.trust.log_odds(columns).sigmoid())
+        return self._verdict(winner, probability, offered, watch)
 
-    def _search(
-        self,
-        turned: list[tuple[np.ndarray, Features]],
-        target: Features,
-        watch: Stopwatch,
-    ) -> list[_Candidate]:
-        """Match and estimate at every heading; return all hypotheses, most support first."""
-        max_yaw = min(np.pi / self.config.turns, BEARABLE_YAW) + TURN_MARGIN
-        candidates = []
-        for T_turned_lidar, source in turned:
-            with watch('match'):
-                matches = match_mutual(source=source, target=target)
-            with watch('estimate'):
-                hypotheses = ransac(matches, self.config.ransac, max_yaw=max_yaw)
-            for h in hypotheses:
-                T = h.T_target_source.numpy() @ T_turned_lidar
-                candidates.append(_Candidate(T, h.score, h.inliers, len(matches)))
-        return sorted(candidates, key=lambda c: -c.score)
+    def search(
+        self, *, source: View, target: View, watch: Stopwatch
+    ) -> tuple[list[Hypothesis], int]:
+        """Match and estimate at every heading.
 
-    def _doubt(self, candidates: list[_Candidate]) -> str:
-        """Why the best hypothesis is not to be trusted; empty if it is."""
+        Returns the best distinct hypotheses in the source's own frame, most support first, and
+        how many correspondences there were at all headings.
+        """
         config = self.config
-        if not candidates:
-            return 'no consistent correspondences'
-        best = candidates[0]
-        if best.inliers < config.min_inliers:
-            return f'{best.inliers} inliers, {config.min_inliers} needed'
-        place = torch.from_numpy(best.T_target_source)
-        rival = next(
-            (c for c in candidates if distinct(torch.from_numpy(c.T_target_source), place)), None
+        max_yaw = max_heading(len(source.headings))
+        found, offered = [], 0
+        for features, T_turned_lidar in zip(source.headings, source.turns):
+            with watch('match'):
+                matches = match(source=features, target=target.headings[0], config=config.match)
+            offered += len(matches)
+            with watch('estimate'):
+                for h in estimate(matches, config.estimator, max_yaw=max_yaw):
+                    T = h.T_target_source @ T_turned_lidar
+                    found.append(Hypothesis(T, h.score, h.inliers))
+        return ranked(found, config.verify.hypotheses), offered
+
+    def scene(self, *, source: View, target: View) -> Scene:
+        """What hypotheses about a pair are checked against."""
+        return Scene(
+            source=source.surface,
+            target=target.surface,
+            headings=[raised(features) for features in source.headings],
+            turns=source.turns,
+            keypoints=keypoint_grid(target.headings[0]),
         )
-        if rival and best.inliers < config.min_lead * rival.inliers:
-            return (
-                f'{best.inliers} inliers, another place has {rival.inliers}: '
-                f'less than {config.min_lead:g} times as many'
-            )
-        return ''
 
+    def finalists(
+        self,
+        hypotheses: list[Hypothesis],
+        odds: Float[torch.Tensor, ' h'],
+        scene: Scene,
+        *,
+        source: View,
+        target: View,
+    ) -> list[Finalist]:
+        """Refine the hypotheses of the largest odds."""
+        config = self.config
+        return refine_finalists(
+            hypotheses,
+            odds.argsort(descending=True)[: config.verify.finalists].tolist(),
+            scene,
+            source=source.prepared,
+            target=target.prepared,
+            verify=config.verify,
+            config=config.refine,
+        )
 
-@dataclass(frozen=True)
-class _Candidate:
-    """A hypothesis in the source's own frame, and the correspondences offered at its heading."""
-
-    T_target_source: np.ndarray
-    score: float
-    inliers: int
-    offered: int
+    def _verdict(
+        self, winner: Finalist, probability: float, offered: int, watch: Stopwatch
+    ) -> Registration:
+        """Accept or withhold the winner."""
+        reason = ''
+        if winner.slipped:
+            reason = 'refinement left the place that the correspondences support'
+        elif probability < self.config.min_probability:
+            reason = f'probability {probability:.3f}, {self.config.min_probability:g} needed'
+        spread = self.calibration.spread
+        return Registration(
+            T_target_source=winner.refined.T_target_source,
+            inliers=winner.inliers,
+            correspondences=offered,
+            reason=reason,
+            ms=watch.stop(),
+            accepted=not reason,
+            probability=probability,
+            covariance=None if winner.slipped else spread.covariance(winner.refined.information),
+        )
 
 
 class Stopwatch:

@@ -156,11 +156,16 @@ class Registration:
     """The outcome for one pair of scans.
 
     Attributes:
-        T_target_source: maps source points into the target frame; None when nothing was found.
+        T_target_source: maps source points into the target frame: the best hypothesis, accepted
+            or not; None when there is none.
         inliers: correspondences that agree with the transform.
         correspondences: correspondences that were offered.
-        reason: why nothing was found; empty otherwise.
+        reason: why it is not accepted; empty if it is.
         ms: time of each stage in milliseconds, `total` among them.
+        accepted: whether the transform is to be used.
+        probability: that it is right within 0.6 m and 1.5 degrees, as calibrated.
+        covariance: of x, y, z, rot_x, rot_y, rot_z (metres and radians, ROS's order) about the
+            target's axes, if it is right; None without a transform or where refinement failed.
     """
 
     T_target_source: Float[np.ndarray, '4 4'] | None
@@ -168,8 +173,6 @@ class Registration:
     correspondences: int
     reason: str = ''
     ms: dict[str, float] = field(default_factory=dict)
-
-    @property
-    def found(self) -> bool:
-        """Whether there is a transform."""
-        return self.T_target_source is not None
+    accepted: bool = False
+    probability: float = 0.0
+    covariance: Float[np.ndarray, '6 6'] | None = None

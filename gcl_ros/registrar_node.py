@@ -103,7 +103,7 @@ class RegistrarNode(Node):
 
     def _register(self, source: PointCloud2, target: PointCloud2) -> None:
         result = self._registrar.register(source=point_cloud(source), target=point_cloud(target))
-        if result.T_target_source is None:
+        if not result.accepted:
             self.get_logger().info(f'no transform: {result.reason}, {result.ms["total"]:.0f} ms')
             return
         later = max(source, target, key=lambda message: seconds(message.header.stamp))
@@ -113,7 +113,9 @@ class RegistrarNode(Node):
         message.child_frame_id = source.header.frame_id
         fill_transform(message.transform, result.T_target_source)
         self._publisher.publish(message)
-        self.get_logger().info(f'{result.inliers} inliers, {result.ms["total"]:.0f} ms')
+        self.get_logger().info(
+            f'probability {result.probability:.4f}, {result.ms["total"]:.0f} ms'
+        )
 
     def destroy_node(self) -> None:
         """Stop the worker, then the node."""

@@ -24,7 +24,8 @@ from gcl_core.data.formats import open_sequence
 from gcl_core.data.simulator.sequence import SimulatedSequence
 from gcl_core.models.kpconv_resunet import KPConvConfig
 from gcl_core.models.resunet import ResUNetConfig
-from gcl_core.models.zoo import NetworkConfig, best_dtype, build
+from gcl_core.models.zoo import NetworkConfig, build
+from gcl_core.ops.precision import best_dtype
 from gcl_core.training.recipe import TrainConfig
 from gcl_core.types import PointCloud
 

@@ -20,8 +20,9 @@ from gcl_core.bench.measure import gemm_gflops, milliseconds, peak_mb, provenanc
 from gcl_core.data.simulator.sequence import SimulatedSequence
 from gcl_core.models.blocks import ConvNorm
 from gcl_core.models.resunet import ResUNet, ResUNetConfig
-from gcl_core.models.zoo import best_dtype, load_weights
+from gcl_core.models.zoo import load_weights
 from gcl_core.ops.kernel_map import KernelMap, build_pyramid
+from gcl_core.ops.precision import best_dtype
 from gcl_core.ops.sparse_conv import sparse_conv
 from gcl_core.types import PointCloud, SparseTensor
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import platform
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -16,11 +17,14 @@ from gcl_core.config import load_config
 from gcl_core.data.formats import open_sequences
 from gcl_core.data.pair_list import PairList, read_pair_list
 from gcl_core.data.pair_sets import random_set
+from gcl_core.data.pairs import Pair
 from gcl_core.data.sequence import Sequence
 from gcl_core.data.simulator.sequence import SimulatedSequence
 from gcl_core.errors import GclError
+from gcl_core.estimation.estimators import ESTIMATORS
 from gcl_core.evaluation import peers
-from gcl_core.evaluation.predict import Method, predict
+from gcl_core.evaluation.compare import FEATURES, PAPER, compare
+from gcl_core.evaluation.predict import Method, Prediction, predict
 from gcl_core.evaluation.score import markdown, score
 from gcl_core.registrar import Registrar, RegistrarConfig
 from gcl_core.types import PointCloud
@@ -47,6 +51,16 @@ def add_parser(commands: Any) -> None:
     parser.add_argument('--seed', type=int, default=0, help='of the pairs and of the headings')
     parser.add_argument('--random-yaw', action='store_true', help='turn each source at random')
     parser.add_argument('--peers', nargs='*', default=[], choices=sorted(PEERS), help='also run')
+    parser.add_argument(
+        '--estimators',
+        nargs='+',
+        default=[],
+        choices=(*ESTIMATORS, PAPER),
+        help='compare estimators instead: best-supported transform, refined, none withheld',
+    )
+    parser.add_argument(
+        '--features', nargs='+', default=list(FEATURES), choices=FEATURES, help='for estimators'
+    )
     parser.add_argument('--out', type=Path, help='write predictions and rows as JSON here')
     parser.set_defaults(run=run)
 
@@ -59,19 +73,12 @@ def run(options: argparse.Namespace) -> int:
     config = load_config(RegistrarConfig, options.config) if options.config else RegistrarConfig()
     registrar = Registrar(config)
 
-    def ours(source: PointCloud, target: PointCloud) -> Any:
-        return registrar.register(source=source, target=target).T_target_source
-
-    methods: dict[str, Method] = {'GCL-ROS': ours}
-    methods.update({name: PEERS[name] for name in options.peers})
     yaw_seed = options.seed if options.random_yaw else None
-    predictions = []
+    predictions: list[Prediction] = []
     with tqdm(total=len(pairs.pairs), unit='pair') as bar:
         for name, sequence in sequences.items():
-            own = pairs.of(name, sequence)
-            for prediction in predict(methods, sequence, own, random_yaw_seed=yaw_seed):
-                predictions.append(prediction)
-                bar.update(1 / len(methods))
+            own = _shown(pairs.of(name, sequence), bar)
+            predictions += _predict(registrar, options, sequence, own, yaw_seed)
     rows = score(predictions)
     print(f'{pairs.label}, source turned {"at random" if options.random_yaw else "not"}')
     print(markdown(rows))
@@ -110,3 +117,32 @@ def _pairs(options: argparse.Namespace) -> tuple[PairList, dict[str, Sequence]]:
             names = [sequence.name for sequence in sequences.values()]
             raise GclError(f'{", ".join(names)}: no two scans 5 to 50 m apart')
     return pairs, sequences
+
+
+def _shown(pairs: Iterable[Pair], bar: Any) -> Iterator[Pair]:
+    for pair in pairs:
+        yield pair
+        bar.update()
+
+
+def _predict(
+    registrar: Registrar,
+    options: argparse.Namespace,
+    sequence: Sequence,
+    pairs: Iterable[Pair],
+    yaw_seed: int | None,
+) -> Iterator[Prediction]:
+    if options.estimators:
+        names, features = options.estimators, options.features
+        return compare(registrar, names, features, sequence, pairs, random_yaw_seed=yaw_seed)
+    methods: dict[str, Method] = {'GCL-ROS': _accepted(registrar)}
+    methods.update({name: PEERS[name] for name in options.peers})
+    return predict(methods, sequence, pairs, random_yaw_seed=yaw_seed)
+
+
+def _accepted(registrar: Registrar) -> Method:
+    def ours(source: PointCloud, target: PointCloud) -> Any:
+        result = registrar.register(source=source, target=target)
+        return result.T_target_source if result.accepted else None
+
+    return ours

@@ -1,4 +1,4 @@
-"""`gcl`: register two scans, train, evaluate, list pairs, make bags."""
+"""`gcl`: register two scans, train, evaluate, list pairs, simulate, inspect, make bags."""
 
 from __future__ import annotations
 
@@ -6,18 +6,18 @@ import argparse
 import sys
 from collections.abc import Sequence
 
-from gcl_core.cli import bag, evaluate, pairs, register, train
+from gcl_core.cli import bag, evaluate, inspect, pairs, register, simulate, train
 from gcl_core.errors import GclError
 
-COMMANDS = (register, train, evaluate, pairs, bag)
+COMMANDS = (register, train, evaluate, pairs, simulate, inspect, bag)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a subcommand; returns 0, 1 when no transform was found, or 2 for bad input."""
+    """Run a subcommand; returns 0, 1 when no transform was accepted, or 2 for bad input."""
     parser = argparse.ArgumentParser(
         prog='gcl',
         description='Distant registration of LiDAR scans with density-invariant features.',
-        epilog='Exit codes: 0 done, 1 no transform found, 2 bad input.',
+        epilog='Exit codes: 0 done, 1 no transform accepted, 2 bad input.',
     )
     commands = parser.add_subparsers(dest='command', required=True, metavar='COMMAND')
     for command in COMMANDS:

@@ -35,7 +35,7 @@ def add_parser(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Register; returns 1 when nothing was found."""
+    """Register; returns 1 when no transform was accepted."""
     config = load_config(RegistrarConfig, options.config) if options.config else None
     source, target = read_cloud(options.source), read_cloud(options.target)
     result = Registrar(config).register(source=source, target=target)
@@ -46,17 +46,19 @@ def run(options: argparse.Namespace) -> int:
         title = f'{options.source.name} in the frame of {options.target.name}'
         birds_eye(options.picture, source=source, target=target, T_target_source=T, title=title)
     print(json.dumps(_summary(result)) if options.json else _text(result))
-    return 0 if result.found else 1
+    return 0 if result.accepted else 1
 
 
 def _summary(result: Registration) -> dict[str, Any]:
-    T = result.T_target_source
+    T, covariance = result.T_target_source, result.covariance
     return {
         'T_target_source': None if T is None else T.tolist(),
-        'found': result.found,
+        'accepted': result.accepted,
+        'probability': result.probability,
+        'covariance': None if covariance is None else covariance.tolist(),
         'inliers': result.inliers,
         'ms': result.ms,
-        **({} if result.found else {'reason': result.reason}),
+        **({} if result.accepted else {'reason': result.reason}),
     }
 
 
@@ -65,9 +67,21 @@ def _text(result: Registration) -> str:
     T = result.T_target_source
     if T is None:
         return f'no transform found: {result.reason}\nms        {times}'
+    verdict = 'accepted' if result.accepted else f'NOT ACCEPTED: {result.reason}'
     with np.printoptions(precision=4, suppress=True):
         return (
             f'T_target_source\n{T}\n'
             f'distance  {np.linalg.norm(T[:3, 3]):.2f} m, yaw {np.rad2deg(se3.yaw(T)):.2f} deg\n'
+            f'{_accuracy(result)}'
+            f'right     with probability {result.probability:.4f}; {verdict}\n'
             f'inliers   {result.inliers} of {result.correspondences}\nms        {times}'
         )
+
+
+def _accuracy(result: Registration) -> str:
+    if result.covariance is None:
+        return ''
+    deviation = np.sqrt(np.diag(result.covariance))
+    metres = ', '.join(f'{v:.3f}' for v in deviation[:3])
+    degrees = ', '.join(f'{v:.3f}' for v in np.rad2deg(deviation[3:]))
+    return f'deviation {metres} m, {degrees} deg about x, y, z\n'

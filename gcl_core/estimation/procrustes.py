@@ -15,17 +15,26 @@ def kabsch(
 
     Weights are not negative and not all zero.
     """
-    p, q = source.double(), target.double()
-    w = (weight / weight.sum()).double().unsqueeze(1)
-    p_mean, q_mean = (w * p).sum(0), (w * q).sum(0)
-    covariance = (w * (p - p_mean)).t() @ (q - q_mean)
-    u, _, vt = torch.linalg.svd(covariance)
-    mirror = torch.ones(3, dtype=torch.float64)
-    mirror[2] = torch.sign(torch.linalg.det(u @ vt))
-    rotation = vt.t() @ torch.diag(mirror) @ u.t()
-    T = torch.eye(4, dtype=torch.float64)
-    T[:3, :3] = rotation
-    T[:3, 3] = q_mean - rotation @ p_mean
+    p, q, w = source.double(), target.double(), weight.double().unsqueeze(1)
+    outer = (q.unsqueeze(2) * p.unsqueeze(1)).flatten(1)
+    columns = torch.cat([torch.zeros_like(w), torch.ones_like(w), p, q, outer], 1)
+    return from_moments((w * columns).sum(0, keepdim=True))[0]
+
+
+def from_moments(moments: Float[torch.Tensor, 'h 17']) -> Float[torch.Tensor, 'h 4 4']:
+    """Least-squares rigid transforms from weighted sums over correspondences p -> q, float64.
+
+    Columns: one unused, the sum of the weights, of p, of q, and of q p^T row by row.
+    """
+    total = moments[:, 1:2].clamp(min=1e-12)
+    p_mean, q_mean = moments[:, 2:5] / total, moments[:, 5:8] / total
+    spread = (moments[:, 8:] / total).view(-1, 3, 3) - q_mean.unsqueeze(2) * p_mean.unsqueeze(1)
+    u, _, vt = torch.linalg.svd(spread)
+    mirror = torch.ones_like(p_mean)
+    mirror[:, 2] = torch.sign(torch.linalg.det(u @ vt))
+    T = torch.eye(4, dtype=moments.dtype).repeat(len(moments), 1, 1)
+    T[:, :3, :3] = (u * mirror.unsqueeze(1)) @ vt
+    T[:, :3, 3] = q_mean - (T[:, :3, :3] @ p_mean.unsqueeze(2)).squeeze(2)
     return T
 
 

@@ -15,7 +15,12 @@ from gcl_core.types import PointCloud
 SOURCE_COLOR, TARGET_COLOR = '#e8590c', '#1971c2'
 
 
-def _save(figure: object, path: Path) -> None:
+def save(figure: object, path: Path) -> None:
+    """Write a figure.
+
+    Raises:
+        GclError: the picture cannot be written.
+    """
     try:
         figure.savefig(path, dpi=110, bbox_inches='tight')  # type: ignore[attr-defined]
     except (OSError, ValueError) as error:
@@ -59,7 +64,7 @@ def birds_eye(
         axes.set_ylabel('y, m')
         axes.legend(loc='upper right')
     figure.suptitle(title)
-    _save(figure, path)
+    save(figure, path)
 
 
 def training_curves(path: Path, log: Path) -> None:
@@ -81,4 +86,4 @@ def training_curves(path: Path, log: Path) -> None:
         axes.set_xlabel('step')
         axes.set_title(key)
         axes.grid(alpha=0.3)
-    _save(figure, path)
+    save(figure, path)

@@ -86,6 +86,6 @@ def markdown(rows: Sequence[Row]) -> str:
         lines.append(
             f'| {r.method} | {r.bin[0]}–{r.bin[1]} | {r.pairs} | {share(r.strict, r.pairs)} | '
             f'{share(r.loose, r.pairs)} | {r.wrong} | {r.rte:.2f} | {r.rre_deg:.2f} | '
-            f'{r.seconds:.1f} |'
+            f'{r.seconds:.2g} |'
         )
     return '\n'.join(lines)

@@ -101,5 +101,5 @@ class ResUNet(Backbone[ResUNetConfig, SparseTensor]):
         for level in range(output):
             points = barycentres(points, pyramid.parent[level], len(pyramid.keys[level + 1]))
         scan = pyramid.keys[output] >> 48
-        splits = torch.searchsorted(scan, torch.arange(len(inputs.splits)))
+        splits = torch.searchsorted(scan, torch.arange(len(inputs.splits), device=scan.device))
         return points, descriptors, tuple(splits.tolist())

@@ -17,6 +17,7 @@ from gcl_core.errors import GclError
 from gcl_core.models.backbone import Backbone
 from gcl_core.models.kpconv_resunet import KPConvConfig, KPConvResUNet
 from gcl_core.models.resunet import ResUNet, ResUNetConfig
+from gcl_core.ops.precision import best_dtype
 
 FOLDER = Path(__file__).parent / 'weights'
 DEFAULT = 'gcl_conv'
@@ -99,7 +100,13 @@ def _check_hash(path: Path) -> None:
         )
 
 
-def best_dtype() -> torch.dtype:
-    """bfloat16 where this processor multiplies it natively, else float32."""
-    capable = torch.cpu._is_avx512_bf16_supported() or torch.cpu._is_amx_tile_supported()
-    return torch.bfloat16 if capable else torch.float32
+def dtype_named(precision: str) -> torch.dtype:
+    """Dtype of `auto`, `bfloat16` or `float32`.
+
+    Raises:
+        GclError: another name.
+    """
+    names = {'auto': best_dtype(), 'bfloat16': torch.bfloat16, 'float32': torch.float32}
+    if precision not in names:
+        raise GclError(f'precision is {precision!r}; choose one of {", ".join(names)}')
+    return names[precision]

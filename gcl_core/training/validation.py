@@ -16,7 +16,7 @@ from gcl_core.data.pairs import T_target_source, draw_pairs
 from gcl_core.data.simulator.sequence import SimulatedSequence
 from gcl_core.estimation.ransac import RansacConfig, ransac
 from gcl_core.evaluation.metrics import LOOSE, registered
-from gcl_core.matching.mutual import match_mutual
+from gcl_core.matching.match import MatchConfig, match
 from gcl_core.models.backbone import Backbone, Prepared
 from gcl_core.models.zoo import NetworkConfig, build
 from gcl_core.types import Features, PointCloud, PositiveGroups
@@ -93,7 +93,7 @@ def validate(model: Backbone[Any, Any]) -> dict[str, float]:
         with torch.inference_mode():
             described = [model(scan.to(device)) for scan in (pair.source, pair.target)]
         source, target = (Features(points.cpu(), f.cpu()) for points, f, _ in described)
-        matches = match_mutual(source=source, target=target)
+        matches = match(source=source, target=target, config=MatchConfig())
         T = torch.from_numpy(pair.T_target_source).float()
         moved = matches.source @ T[:3, :3].t() + T[:3, 3]
         right = (moved - matches.target).norm(dim=1) < INLIER

@@ -30,7 +30,9 @@ def test_register_prints_one_json_object_and_writes_files(pair, drive, capsys):
     assert code == 0
     out = json.loads(capsys.readouterr().out)
     T = se3.inverse(drive.T_world_lidar(90)) @ drive.T_world_lidar(98)
-    assert out['found'] is True
+    assert out['accepted'] is True
+    assert 0.9 <= out['probability'] <= 1
+    assert np.linalg.eigvalsh(np.array(out['covariance'])).min() > 0
     assert out['inliers'] > 10
     assert out['ms']['total'] > 0
     assert metrics.registered(np.array(out['T_target_source']), T, metrics.STRICT)
@@ -137,6 +139,17 @@ def test_lists_of_other_drives_are_refused(tmp_path, folder, capsys):
     assert 'lists no pair of 3' in capsys.readouterr().err
 
 
+def test_evaluate_compares_estimators(pair, capsys):
+    code = main(
+        ['evaluate', '--simulated', '3', '--per-bin', '1', '--config', str(pair / 'fast.yaml')]
+        + ['--estimators', 'ransac', 'spatial_consistency', '--features', 'ours']
+    )
+    assert code == 0
+    out = capsys.readouterr().out
+    assert '| ours + ransac | 5–10 | 1 | 100 (' in out
+    assert '| ours + spatial_consistency | 5–10 | 1 | 100 (' in out
+
+
 @pytest.mark.parametrize(
     'shape',
     ['encoder: [4, 4, 4, 4], decoder: [4, 4]', 'backbone: kpconv, width: 8, output_level: 1'],
@@ -151,7 +164,8 @@ def test_train_writes_weights_that_register_reads(tmp_path, pair, capsys, shape)
     assert main(['train', *arguments]) == 0
     assert (tmp_path / 'run/curves.png').exists()
     weights = tmp_path / 'run/weights.safetensors'
-    (tmp_path / 'own.yaml').write_text(f'weights: {weights}\nturns: 1\nmin_inliers: 100000\n')
+    (tmp_path / 'own.yaml').write_text(f'weights: {weights}\nturns: 1\nmin_probability: 1.0\n')
     files = [str(pair / 'source.ply'), str(pair / 'target.bin')]
     assert main(['register', *files, '--config', str(tmp_path / 'own.yaml')]) == 1
-    assert 'no transform found' in capsys.readouterr().out
+    out = capsys.readouterr().out
+    assert 'NOT ACCEPTED' in out or 'no transform found' in out

@@ -13,9 +13,10 @@ CONFIG = Path(__file__).parents[2] / 'config'
 
 
 def test_nested_values_and_defaults():
-    config = from_mapping(RegistrarConfig, {'turns': 3, 'ransac': {'threshold': 1}}, 'x')
-    assert (config.turns, config.ransac.threshold) == (3, 1.0)
-    assert config.min_inliers == RegistrarConfig().min_inliers
+    values = {'turns': 3, 'estimator': {'ransac': {'threshold': 1}}}
+    config = from_mapping(RegistrarConfig, values, 'x')
+    assert (config.turns, config.estimator.ransac.threshold) == (3, 1.0)
+    assert config.min_probability == RegistrarConfig().min_probability
 
 
 @pytest.mark.parametrize(
@@ -25,9 +26,14 @@ def test_nested_values_and_defaults():
         ({'turns': 'many'}, "turns: expected int, got 'many'"),
         ({'turns': True}, 'turns: expected int'),
         ({'turns': 0}, 'turns is 0'),
-        ({'ransac': 3}, 'ransac: expected a mapping'),
-        ({'ransac': {'model': 'best'}}, "'best' is none of level, rigid"),
+        ({'estimator': 3}, 'estimator: expected a mapping'),
+        ({'estimator': {'name': 'best'}}, "'best' is none of ransac, spatial_consistency"),
+        ({'estimator': {'ransac': {'model': 'best'}}}, "'best' is none of level, rigid"),
         ({'refine': {'reach': 2.0}}, 'reach: expected a list'),
+        ({'refine': {'reach': [2.0]}}, 'refine.reach 1'),
+        ({'min_probability': 2.0}, 'min_probability is 2'),
+        ({'match': {'k': 0}}, 'match.k is 0'),
+        ({'verify': {'finalists': 0}}, 'verify.finalists is 0'),
     ],
 )
 def test_bad_values_are_named(values, message):

@@ -33,7 +33,8 @@ def test_registers_simulated_scans_at_any_heading(registrar, drive, yaw):
     result = registrar.register(source=source, target=drive.scan(90))
     T = truth(drive, 102, 90) @ se3.inverse(turn)
     assert metrics.registered(result.T_target_source, T, metrics.STRICT)
-    assert {'describe', 'match', 'estimate', 'refine', 'total'} == set(result.ms)
+    assert result.accepted
+    assert {'describe', 'match', 'estimate', 'verify', 'refine', 'total'} == set(result.ms)
 
 
 def test_registers_real_scans(same_heading, real_root):
@@ -54,15 +55,16 @@ def test_noise_is_refused_with_a_reason(same_heading, drive):
     rng = np.random.default_rng(0)
     noise = rng.uniform([-40, -40, -2], [40, 40, 4], (20000, 3)).astype(np.float32)
     result = same_heading.register(source=PointCloud(noise), target=drive.scan(90))
-    assert result.T_target_source is None
-    assert 'inliers' in result.reason
+    assert not result.accepted
+    assert 'probability' in result.reason or 'refinement' in result.reason
 
 
 def test_unrelated_streets_are_refused(registrar, drive):
     elsewhere = SimulatedSequence(8)
     result = registrar.register(source=elsewhere.scan(60), target=drive.scan(90))
-    assert result.T_target_source is None
+    assert not result.accepted
     assert result.reason
+    assert result.probability < 0.5
 
 
 def test_scan_out_of_range_is_named(same_heading, drive):

@@ -34,17 +34,11 @@ def wall(length: float, height: float, storeys: int, rng: np.random.Generator) -
     pane = window & (rng.random(len(i)) < PANE_SHARE)
     parts = []
     for cells, depth in ((~window, 0.0), (pane, PANE_DEPTH)):
-        x0, x1 = columns[i[cells]], columns[i[cells] + 1]
-        z0, z1 = rows[k[cells]], rows[k[cells] + 1]
-        y = np.full_like(x0, depth)
-        parts.append(
-            quad(
-                np.stack([x0, y, z0], 1),
-                np.stack([x1, y, z0], 1),
-                np.stack([x1, y, z1], 1),
-                np.stack([x0, y, z1], 1),
-            )
-        )
+        corners = np.full((4, int(cells.sum()), 3), depth)
+        for corner, (right, up) in enumerate(((0, 0), (1, 0), (1, 1), (0, 1))):
+            corners[corner, :, 0] = columns[i[cells] + right]
+            corners[corner, :, 2] = rows[k[cells] + up]
+        parts.append(quad(*corners))
     return np.concatenate(parts)
 
 

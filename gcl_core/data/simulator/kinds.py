@@ -22,7 +22,7 @@ class Kind:
         hills: how hilly; 1 is a few metres over the whole street.
         crossings: side streets, smallest and largest distance between two, metres.
         parked: largest share of the kerb taken by parked cars.
-        street_trees: largest share of the kerb with trees.
+        street_trees: largest share of the kerb with trees; an avenue's is above 1.
         vehicles: moving vehicles within the 380 m of road, on average.
         people: pedestrians and cyclists, on average.
         bridge: probability of a bridge over the road.
@@ -51,7 +51,7 @@ class Kind:
 KINDS = {
     'mixed': Kind(0.2, {'suburb': 0.4, 'town': 0.25, 'green': 0.2, 'open': 0.15}),
     'residential': Kind(
-        0.3,
+        0.26,
         {'suburb': 0.65, 'town': 0.15, 'green': 0.08, 'terrace': 0.06, 'square': 0.06},
         half_road=(2.6, 6.0),
         sidewalk=(1.0, 4.5),
@@ -60,6 +60,13 @@ KINDS = {
         hills=1.5,
         vehicles=3.0,
         people=4.0,
+    ),
+    'avenue': Kind(
+        0.12,
+        {'suburb': 0.35, 'town': 0.3, 'green': 0.25, 'terrace': 0.1},
+        sidewalk=(2.0, 6.0),
+        street_trees=1.6,
+        people=10.0,
     ),
     'terraces': Kind(
         0.1,

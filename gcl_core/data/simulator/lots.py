@@ -32,10 +32,12 @@ class Lot:
         return float(self.rng.uniform(-share, share) * self.length)
 
 
-def _greenery(lot: Lot, trees: float, bushes: float, first: float = 0.8) -> None:
+def _greenery(lot: Lot, trees: float, bushes: float, first: float = 1.2) -> None:
     rng = lot.rng
     for _ in range(rng.poisson(trees)):
-        lot.put(vegetation.tree(rng), 'leaf', lot.along(), rng.uniform(first + 0.4, 40.0), 0.0)
+        out = rng.uniform(first + 0.4, 40.0)
+        part = vegetation.tree(rng, detail=1.0 if out < 12.0 else 0.4, roadside=out < 5.0)
+        lot.put(part, 'leaf', lot.along(), out, 0.0)
     for _ in range(rng.poisson(bushes)):
         lot.put(vegetation.bush(rng), 'leaf', lot.along(), rng.uniform(first, 20.0), 0.0)
 
@@ -80,7 +82,7 @@ def suburb(lot: Lot) -> None:
     lot.put(part, 'facade', rng.normal(), setback + width / 2, rng.normal() * 0.04)
     _behind(lot, 0.8, setback + 24, setback + 40)
     _boundary(lot, 0.35, 0.6)
-    _greenery(lot, 4.0, 8.0)
+    _greenery(lot, 4.5, 10.0)
     if rng.random() < 0.4:
         out = rng.uniform(2.5, max(3.0, setback))
         lot.put(vehicles.car(rng), 'paint', lot.along(0.4), out, np.pi / 2)
@@ -108,7 +110,7 @@ def green(lot: Lot) -> None:
         lot.put(part, 'facade', rng.normal(), rng.uniform(3, 12) + width / 2, rng.normal() * 0.04)
     _behind(lot, 0.4, 30, 60)
     _boundary(lot, 0.25, 0.2)
-    _greenery(lot, 6.0, 12.0)
+    _greenery(lot, 8.0, 14.0)
     _clutter(lot, 1.0, 8)
 
 

@@ -28,7 +28,11 @@ def place(
 
 def quad(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> Triangles:
     """Two triangles for each row of four corners in order, each of shape (n, 3)."""
-    return np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)]).astype(np.float32)
+    corners = np.empty((2, len(a), 3, 3), dtype=np.float32)
+    corners[:, :, 0] = a
+    corners[0, :, 1], corners[0, :, 2] = b, c
+    corners[1, :, 1], corners[1, :, 2] = c, d
+    return corners.reshape(-1, 3, 3)
 
 
 def box(length: float, width: float, height: float) -> Triangles:
@@ -90,7 +94,7 @@ def extrude(profile: Float[np.ndarray, 'n 2'], width: float, top_inset: float) -
 
 def leaves(centres: Float[np.ndarray, 'n 3'], size: float, rng: np.random.Generator) -> Triangles:
     """One randomly turned triangle at each centre: foliage that a beam passes between."""
-    corners = rng.normal(size=(len(centres), 3, 3))
-    corners /= np.linalg.norm(corners, axis=2, keepdims=True)
-    scale = size * rng.uniform(0.5, 1.3, size=(len(centres), 1, 1))
-    return (centres[:, None] + corners * scale).astype(np.float32)
+    corners = rng.standard_normal((len(centres), 3, 3), dtype=np.float32)
+    corners /= np.sqrt(np.einsum('nkx,nkx->nk', corners, corners))[..., None]
+    corners *= np.float32(size) * (0.5 + 0.8 * rng.random((len(centres), 1, 1), dtype=np.float32))
+    return corners + centres.astype(np.float32)[:, None]

@@ -62,8 +62,9 @@ def measure(
     true = np.minimum(hits.distance, 1e4)
     strength = hits.reflectance * hits.cosine * (sensor.max_range / np.maximum(true, 1.0)) ** 2
     if conditions.rain:
-        wet = np.exp(-0.02 * conditions.rain * true) * (1 - 0.6 * conditions.rain)
-        strength = strength * wet
+        # Drops weaken the beam on its way; a wet surface mirrors it away at grazing incidence.
+        mirrored = np.maximum(hits.cosine, 1e-3) ** (0.6 * conditions.rain)
+        strength = strength * mirrored * np.exp(-0.04 * conditions.rain * true)
     share = strength / (strength + 0.5 * sensor.weak_return)  # 2/3 at the threshold
     seen = (true > MIN_RANGE) & (true < sensor.max_range) & (uniform < share - conditions.lost)
     seen &= strength > 0.4 * sensor.weak_return

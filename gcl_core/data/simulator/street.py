@@ -128,9 +128,12 @@ class Street:
                     self._put(part, 'facade', middle + direction * offset, side * out, yaw)
                 else:
                     self._put(
-                        vegetation.tree(rng), 'leaf', middle + direction * offset, side * out
+                        vegetation.tree(rng, detail=0.5),
+                        'leaf',
+                        middle + direction * offset,
+                        side * out,
                     )
-                if rng.random() < 0.4 * built:
+                if half > 4.5 and rng.random() < 0.4 * built:
                     kerb = middle + direction * (half - 0.8)
                     self._put(vehicles.car(rng), 'paint', kerb, side * out, np.pi / 2)
                 out += rng.uniform(14, 22)
@@ -148,7 +151,7 @@ class Street:
                 part = silhouette(rng.uniform(8, 20), width, height, rng)
                 self._put(part, 'facade', s, lateral, rng.normal() * 0.1)
             else:
-                self._put(vegetation.tree(rng), 'leaf', s, lateral)
+                self._put(vegetation.tree(rng, detail=0.3), 'leaf', s, lateral)
 
     def _line_kerb(self, side: int, rng: np.random.Generator, kind: Kind) -> None:
         """Parked cars, lamps, signs, street trees and clutter along the kerb."""
@@ -163,13 +166,16 @@ class Street:
             if rng.random() < parked:
                 yaw = rng.normal() * 0.03 + np.pi * rng.integers(0, 2)
                 part = vehicles.road_vehicle(rng, trucks=0.03)
-                self._put(part, 'paint', s, side * (w - rng.uniform(0.6, 1.2)), yaw)
+                self._put(
+                    part, 'paint', s, side * self.terrain.parking(rng.uniform(0.6, 1.2)), yaw
+                )
             if rng.random() < 0.12:
                 self._put(furniture.lamp(rng), 'metal', s + 2.0, side * (w + 0.5), -np.pi / 2)
             if rng.random() < 0.1:
                 self._put(furniture.sign(rng), 'sign', s + 2.5, side * (w + 0.5), -np.pi / 2)
             if rng.random() < trees:
-                self._put(vegetation.tree(rng), 'leaf', s + rng.normal(), side * (w + 0.9))
+                part = vegetation.tree(rng, roadside=True)
+                self._put(part, 'leaf', s + rng.normal(), side * (w + 0.9))
             if rng.random() < 0.2:
                 out = w + rng.uniform(0.4, max(1.0, self.terrain.sidewalk))
                 self._put(furniture.clutter(rng), 'metal', s + rng.normal(), side * out)

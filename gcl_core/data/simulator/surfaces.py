@@ -35,7 +35,7 @@ SURFACES = {
     'facade': Surface(0.45, 0.5, 0.06, 0.004),
     'glass': Surface(0.1, 0.8, 0.5, 0.004),
     'paint': Surface(0.25, 0.9, 0.18, 0.004),
-    'leaf': Surface(0.45, 0.3, depth=0.05),
+    'leaf': Surface(0.45, 0.3, depth=0.08),
     'metal': Surface(0.35, 0.6),
     'sign': Surface(4.0, 0.4, 0.3, 0.3),
     'cloth': Surface(0.3, 0.6),

@@ -73,6 +73,10 @@ class Terrain:
         )
         return np.stack([x - np.sin(h) * lateral, y + np.cos(h) * lateral], -1)
 
+    def parking(self, inside: float) -> float:
+        """Lateral place of a vehicle parked `inside` metres from the kerb, clear of the lane."""
+        return float(max(self.half_road - inside, 0.4 * self.half_road + 2.7))
+
     def in_crossing(self, s: np.ndarray, margin: float = 0.0) -> np.ndarray:
         """Whether s lies within a side street."""
         inside = np.zeros(np.shape(s), dtype=bool)

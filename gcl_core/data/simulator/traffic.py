@@ -18,7 +18,9 @@ from gcl_core.data.simulator.surfaces import NAMES, Soup, soup
 from gcl_core.data.simulator.terrain import REACH
 
 SIDE_REACH = 70.0  # metres that traffic on a side street is followed
-LANE_CLEAR, CROSS_CLEAR = 3.5, 8.0  # metres around a sensor's vehicle that stay free
+# Metres between a road user's middle and a sensor's vehicle, along and across its course, that
+# stay free; the last where courses cross.
+CLEAR_AHEAD, CLEAR_BESIDE, CLEAR_CROSSING = 9.0, 1.9, 4.5
 
 
 @dataclass(frozen=True)
@@ -79,7 +81,7 @@ class Traffic:
             s, lane = 16.0 * slot + rng.uniform(-1.5, 1.5), -way * 0.45 * self._terrain.half_road
             speed = self.lane_speed[0 if way > 0 else 1] if rng.random() < 0.85 else 0.0
             if speed == 0.0:  # stopped at the kerb
-                lane = -way * (self._terrain.half_road - 0.9)
+                lane = -way * self._terrain.parking(0.9)
             row = (float(s), lane + rng.normal() * 0.15, way * speed, 0.0)
             self._add(vehicles.road_vehicle(rng), 'paint', row)
 
@@ -101,6 +103,20 @@ class Traffic:
             part = vehicles.cyclist(rng) if cycling else vehicles.person(rng)
             self._add(part, 'cloth', (rng.uniform(-REACH, REACH), lateral, way * speed, 0.0))
 
+    def _clear(
+        self,
+        offset: Float[np.ndarray, 'o v 3'],
+        yaw: Float[np.ndarray, ' o'],
+        crossing: np.ndarray,
+    ) -> np.ndarray:
+        """Whether each road user is out of every sensor's way, and near enough to be seen."""
+        cos, sin = np.cos(yaw)[:, None], np.sin(yaw)[:, None]
+        ahead = np.abs(cos * offset[..., 0] + sin * offset[..., 1])
+        beside = np.abs(cos * offset[..., 1] - sin * offset[..., 0])
+        width = np.where(crossing, CLEAR_CROSSING, CLEAR_BESIDE)[:, None]
+        free = (ahead > CLEAR_AHEAD) | (beside > width)
+        return np.asarray(free.all(1) & (np.hypot(ahead, beside) < 90.0).any(1))
+
     def at(self, time: float, clear: Float[np.ndarray, 'v 3'], *, crossing: bool) -> Moment:
         """Everybody's place at `time` seconds, without who is too near to a sensor's vehicle.
 
@@ -121,9 +137,7 @@ class Traffic:
         yaw = heading + course
         speed = np.hypot(s_rate, lateral_rate)
         velocity = np.column_stack([np.cos(yaw) * speed, np.sin(yaw) * speed, 0 * yaw])
-        apart = np.linalg.norm(xyz[:, None, :2] - clear[None, :, :2], axis=2)
-        radius = np.where(across | crossing, CROSS_CLEAR, LANE_CLEAR)
-        kept = (apart > radius[:, None]).all(1) & (apart < 90.0).any(1)
+        kept = self._clear(clear - xyz[:, None], yaw, across | crossing)
         mask = kept[self._owner]
         owner = self._owner[mask]
         return Moment(

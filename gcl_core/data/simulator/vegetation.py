@@ -7,6 +7,8 @@ from jaxtyping import Float
 
 from gcl_core.data.simulator.primitives import Triangles, box, cylinder, leaves, place
 
+PRUNED = 3.2  # metres below the crown of a tree beside the road
+
 
 def _blob(
     count: int, radii: Float[np.ndarray, '3'], rng: np.random.Generator
@@ -14,15 +16,21 @@ def _blob(
     """Points in an ellipsoid, denser towards its surface, where leaves are."""
     direction = rng.normal(size=(count, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    return direction * radii * rng.uniform(0.3, 1.0, size=(count, 1)) ** 0.5
+    return direction * radii * rng.uniform(0.1, 1.0, size=(count, 1)) ** 0.6
 
 
-def tree(rng: np.random.Generator) -> Triangles:
-    """Deciduous or conical tree, 3 to 14 m, trunk at the origin."""
+def tree(rng: np.random.Generator, *, detail: float = 1.0, roadside: bool = False) -> Triangles:
+    """Deciduous or conical tree, 3 to 14 m, trunk at the origin.
+
+    Args:
+        rng: decides on its shape.
+        detail: share of its leaves, which are larger the fewer they are; less for distant trees.
+        roadside: pruned, so that vehicles pass below its crown.
+    """
     height = rng.uniform(3.5, 14.0)
     trunk = cylinder(rng.uniform(0.08, 0.35), 0.6 * height, sides=7, top_radius=0.06)
-    count = int(rng.uniform(35, 110) * height)
-    if rng.random() < 0.25:
+    count = int(detail * rng.uniform(50, 150) * height)
+    if rng.random() < 0.25 and not roadside:
         level = rng.random(count) ** 1.5
         reach = (1.0 - level) * rng.uniform(0.15, 0.25) * height
         angle = rng.uniform(0, 2 * np.pi, count)
@@ -31,6 +39,9 @@ def tree(rng: np.random.Generator) -> Triangles:
         centres = np.stack([reach * np.cos(angle), reach * np.sin(angle), z], 1)
     else:
         crown_base = rng.uniform(0.2, 0.45) * height
+        if roadside:
+            crown_base = max(crown_base, PRUNED)
+            height = max(height, crown_base + 2.5)
         spread, clumps = rng.uniform(0.15, 0.3) * height, rng.integers(4, 10)
         parts = []
         for _ in range(clumps):
@@ -39,14 +50,14 @@ def tree(rng: np.random.Generator) -> Triangles:
             z = rng.uniform(crown_base + radii[2], max(height - radii[2], crown_base + radii[2]))
             parts.append(_blob(count // clumps, radii, rng) + [offset[0], offset[1], z])
         centres = np.concatenate(parts)
-    return np.concatenate([trunk, leaves(centres, rng.uniform(0.13, 0.28), rng)])
+    return np.concatenate([trunk, leaves(centres, rng.uniform(0.09, 0.2) / detail**0.5, rng)])
 
 
 def bush(rng: np.random.Generator) -> Triangles:
     """Shrub of 0.5 to 2.5 m."""
     radii = rng.uniform([0.4, 0.4, 0.3], [1.5, 1.5, 1.3])
-    centres = _blob(int(rng.uniform(60, 250)), radii, rng) + [0, 0, radii[2] * 0.8]
-    return leaves(centres, rng.uniform(0.1, 0.22), rng)
+    centres = _blob(int(rng.uniform(80, 350)), radii, rng) + [0, 0, radii[2] * 0.8]
+    return leaves(centres, rng.uniform(0.07, 0.16), rng)
 
 
 def hedge(length: float, rng: np.random.Generator) -> Triangles:

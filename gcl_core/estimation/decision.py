@@ -1,0 +1,145 @@
+"""Hypothesise and verify: which of many hypotheses is right, and how likely it is."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Float
+
+from gcl_core.errors import GclError
+from gcl_core.estimation.confidence import Calibration
+from gcl_core.estimation.evidence import COLUMNS, Scene, evidence
+from gcl_core.estimation.hypothesis import Hypothesis, distinct
+from gcl_core.estimation.refine import Prepared, RefineConfig, Refined, refine
+
+CLOSE = COLUMNS.index('close')
+NO_RIVAL = 20.0  # lead in log odds when no other place was found
+SATURATION = 5.0  # log odds beyond which more says little more: real scans differ from the fit's
+KEPT_CLOSE = 0.8  # share of the closely aligned points that a refinement must keep
+
+
+@dataclass(frozen=True)
+class VerifyConfig:
+    """How hypotheses are checked.
+
+    Attributes:
+        hypotheses: distinct ones that are checked.
+        finalists: the best of them, which are refined and checked again.
+        tolerance: misalignment that is no conflict before refinement, metres.
+        fine_tolerance: likewise after it.
+    """
+
+    hypotheses: int = 32
+    finalists: int = 2
+    tolerance: float = 1.0
+    fine_tolerance: float = 0.5
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.finalists <= self.hypotheses:
+            raise GclError(
+                f'verify.finalists is {self.finalists}; it must be at least 1 and at most '
+                f'verify.hypotheses ({self.hypotheses})'
+            )
+
+
+@dataclass(frozen=True)
+class Finalist:
+    """A refined hypothesis.
+
+    Attributes:
+        refined: its transform.
+        columns: evidence as refined.
+        inliers: correspondences that agreed before refinement.
+        lead: log ratio of the inliers to those of the best hypothesis of another place.
+        slipped: whether refinement walked away or made the alignment worse.
+    """
+
+    refined: Refined
+    columns: Float[torch.Tensor, ' 8']
+    inliers: int
+    lead: float
+    slipped: bool
+
+
+def stacked(hypotheses: list[Hypothesis]) -> Float[torch.Tensor, 'h 4 4']:
+    """Transforms of hypotheses."""
+    return torch.stack([h.T_target_source for h in hypotheses])
+
+
+def examine(
+    hypotheses: list[Hypothesis], scene: Scene, config: VerifyConfig
+) -> Float[torch.Tensor, 'h 8']:
+    """Evidence on hypotheses as they were estimated."""
+    support = torch.tensor([h.inliers for h in hypotheses])
+    return evidence(stacked(hypotheses), support, scene, tolerance=config.tolerance)
+
+
+def refine_finalists(
+    hypotheses: list[Hypothesis],
+    rows: list[int],
+    scene: Scene,
+    *,
+    source: Prepared,
+    target: Prepared,
+    verify: VerifyConfig,
+    config: RefineConfig,
+) -> list[Finalist]:
+    """Refine hypotheses and look at the evidence again; those that became one place come once.
+
+    Args:
+        hypotheses: all that were found.
+        rows: those to refine, best first.
+        scene: for the checks.
+        source: for GICP.
+        target: for GICP.
+        verify: tolerance of the checks.
+        config: of GICP.
+    """
+    chosen = [hypotheses[i] for i in rows]
+    refined = [
+        refine(h.T_target_source.numpy(), source=source, target=target, config=config)
+        for h in chosen
+    ]
+    after = torch.from_numpy(np.stack([r.T_target_source for r in refined]))
+    columns = evidence(
+        torch.cat([stacked(chosen), after]),
+        torch.tensor([h.inliers for h in chosen]).repeat(2),
+        scene,
+        tolerance=verify.fine_tolerance,
+    )
+    close_before, close_after = columns[: len(rows), CLOSE], columns[len(rows) :, CLOSE]
+    lost = close_after < KEPT_CLOSE * close_before
+    finalists = []
+    for i, r in enumerate(refined):
+        if all(bool(distinct(after[i], after[k])) for k in range(i)):
+            slipped = r.walked or bool(lost[i])
+            lead = _lead(after[i], chosen[i].inliers, hypotheses)
+            finalists.append(Finalist(r, columns[len(rows) + i], chosen[i].inliers, lead, slipped))
+    return finalists
+
+
+def _lead(T: Float[torch.Tensor, '4 4'], inliers: int, hypotheses: list[Hypothesis]) -> float:
+    away = distinct(stacked(hypotheses), T).tolist()
+    rival = max((h.inliers for h, other in zip(hypotheses, away) if other), default=0)
+    return math.log1p(inliers) - math.log1p(rival)
+
+
+def summary(
+    finalists: list[Finalist], calibration: Calibration
+) -> tuple[Finalist, Float[torch.Tensor, '1 3']]:
+    """The winner, and what `Calibration.trust` judges it by.
+
+    Args:
+        finalists: at least one.
+        calibration: fitted numbers.
+    """
+    odds = calibration.fine.log_odds(torch.stack([f.columns for f in finalists]))
+    first = int(odds.argmax())
+    others = torch.cat([odds[:first], odds[first + 1 :]])
+    lead = float(odds[first] - others.max()) if len(others) else NO_RIVAL
+    winner = finalists[first]
+    columns = [math.tanh(float(odds[first]) / SATURATION), math.tanh(lead / SATURATION)]
+    return winner, torch.tensor([[*columns, math.tanh(winner.lead)]])

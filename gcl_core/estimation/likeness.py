@@ -1,0 +1,88 @@
+"""How alike the features are of what a transform brings together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float, Int64
+
+from gcl_core.estimation.surface import SOLID_HEIGHT, grid_cell, grid_shape
+from gcl_core.matching.keypoints import choose
+from gcl_core.ops.ground import height_above_ground
+from gcl_core.types import Features
+
+CELL = 1.0  # metres; two key points in one cell, or in neighbouring ones, lie together
+CHECKED = 1500  # key points of a scan that are checked, spread in space
+
+
+def raised(features: Features, limit: int | None = CHECKED) -> Features:
+    """Keep key points above the ground; ground looks like ground wherever it lies."""
+    scan = torch.zeros(len(features), dtype=torch.long)
+    rows = height_above_ground(features.points, scan) > SOLID_HEIGHT
+    kept = Features(features.points[rows], features.descriptors[rows].float())
+    return kept if limit is None else choose(kept, limit)
+
+
+@dataclass(frozen=True)
+class KeypointGrid:
+    """The raised key points of a target by place, and what its descriptors look like on average.
+
+    Attributes:
+        features: raised key points.
+        row: key point in or beside each cell; -1 without any.
+        mean: of the descriptors.
+        covariance: of the descriptors.
+    """
+
+    features: Features
+    row: Int64[torch.Tensor, ' cells']
+    mean: Float[torch.Tensor, ' d']
+    covariance: Float[torch.Tensor, 'd d']
+
+
+def keypoint_grid(features: Features) -> KeypointGrid:
+    """Index a target's key points."""
+    kept = raised(features, None)
+    shape = grid_shape(CELL)
+    row = torch.full((shape[0] * shape[1] * shape[2],), -1)
+    limit = torch.tensor(shape) - 1
+    cell, inside = grid_cell(kept.points, CELL)
+    index, cell = torch.nonzero(inside).squeeze(1), cell[inside]
+    offsets = torch.cartesian_prod(*[torch.arange(-1, 2)] * 3)
+    for ring in (offsets[offsets.abs().sum(1) == 1], offsets[offsets.abs().sum(1) == 0]):
+        places = torch.minimum((cell + ring[:, None]).clamp(min=0), limit)
+        x, y, z = places.reshape(-1, 3).unbind(1)
+        flat = (x * shape[1] + y) * shape[2] + z
+        # The nearer ring overwrites; within a ring the last row wins, whatever the threads do.
+        newest = torch.full_like(row, -1).scatter_reduce(0, flat, index.repeat(len(ring)), 'amax')
+        row = torch.where(newest >= 0, newest, row)
+    centred = kept.descriptors - kept.descriptors.mean(0)
+    covariance = centred.t() @ centred / max(1, len(kept))
+    return KeypointGrid(kept, row, kept.descriptors.mean(0), covariance)
+
+
+def likeness(
+    T_target_source: Float[torch.Tensor, 'h 4 4'], source: Features, target: KeypointGrid
+) -> tuple[Float[torch.Tensor, ' h'], Float[torch.Tensor, ' h']]:
+    """Mean standard score of the similarities of key points that lie together, and their number.
+
+    The score says how many standard deviations more alike two descriptors are than the source's
+    and a random one of the target: 0 by chance.
+    """
+    T = T_target_source.float()
+    moved = source.points @ T[:, :3, :3].transpose(1, 2) + T[:, None, :3, 3]
+    cell, inside = grid_cell(moved, CELL)
+    shape = grid_shape(CELL)
+    flat = (cell[..., 0] * shape[1] + cell[..., 1]) * shape[2] + cell[..., 2]
+    row = target.row[flat]
+    met = inside & (row >= 0)
+    h, p = met.nonzero(as_tuple=True)
+    d = source.descriptors
+    expected = d @ target.mean
+    deviation = ((d @ target.covariance) * d).sum(1).clamp(min=1e-6).sqrt()
+    similarity = (d[p] * target.features.descriptors[row[h, p]]).sum(1)
+    score = (similarity - expected[p]) / deviation[p]
+    count = met.sum(1).float()
+    total = torch.zeros(len(T)).index_add_(0, h, score)
+    return total / count.clamp(min=1), count

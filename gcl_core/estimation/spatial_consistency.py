@@ -1,0 +1,119 @@
+"""Second-order spatial consistency: true matches agree on lengths, and on who agrees with whom.
+
+After SC2-PCR (Chen et al., "SC2-PCR: A Second Order Spatial Compatibility for Efficient and
+Robust Point Cloud Registration", CVPR 2022), with the level form's checks added: edges agree in
+rise as well.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Bool, Float, Int64
+
+from gcl_core.errors import GclError
+from gcl_core.estimation.hypothesis import Hypothesis, distinct_best, ranked
+from gcl_core.estimation.procrustes import from_moments
+from gcl_core.estimation.support import Support
+from gcl_core.types import Correspondences
+
+POWER_STEPS = 10  # of the leading eigenvector; the paper's code takes as many
+
+
+@dataclass(frozen=True)
+class SpatialConsistencyConfig:
+    """How a transform is searched for.
+
+    Attributes:
+        threshold: residual of an inlier, and by how much lengths may differ, metres.
+        correspondences: the most similar ones that take part; memory grows with the square.
+        seeds: correspondences that a consensus set is grown around.
+        members: of a consensus set.
+        level: both vehicles are level within a few degrees, so that edges agree in rise.
+        local_steps: re-estimations from the inliers of the best hypotheses.
+        keep: distinct hypotheses handed on.
+    """
+
+    threshold: float = 0.8
+    correspondences: int = 2000
+    seeds: int = 300
+    members: int = 20
+    level: bool = True
+    local_steps: int = 4
+    keep: int = 16
+
+    def __post_init__(self) -> None:
+        if self.threshold <= 0:
+            raise GclError(f'threshold is {self.threshold}; it must be positive (metres)')
+        if min(self.correspondences, self.seeds, self.members - 2, self.keep) < 1:
+            raise GclError(
+                'spatial_consistency: correspondences, seeds, keep must be at least 1, members 3'
+            )
+
+
+def spatial_consistency(
+    correspondences: Correspondences,
+    config: SpatialConsistencyConfig,
+    *,
+    max_yaw: float = math.pi,
+) -> list[Hypothesis]:
+    """Search the transforms with the largest support, best first, each distinct from the others.
+
+    Args:
+        correspondences: finite matches.
+        config: see `SpatialConsistencyConfig`.
+        max_yaw: largest heading of the transform, radians.
+    """
+    if len(correspondences) < 3:
+        return []
+    c = _most_similar(correspondences, config.correspondences)
+    first = _compatible(c, config).to(torch.float32)
+    seeds = _seeds(first, c, config)
+    # Second order: how many matches agree with both; only among matches that agree themselves.
+    second = first[seeds] * (first[seeds] @ first)
+    second[torch.arange(len(seeds)), seeds] = torch.inf  # a seed belongs to its own set
+    count = min(config.members, len(c))
+    members = second.topk(count, 1)
+    support = Support(correspondences, config.threshold)
+    weight = (members.values > 0).double()
+    T = from_moments(torch.einsum('sk,skc->sc', weight, _table(c)[members.indices]))
+    kept = (weight.sum(1) >= 3) & T.isfinite().all(2).all(1)
+    kept &= torch.atan2(T[:, 1, 0], T[:, 0, 0]).abs() <= max_yaw
+    T = T[kept]
+    leaders = distinct_best(T, support.scores(T), 2 * config.keep)
+    return ranked(support.polish(T[leaders], config.local_steps), config.keep)
+
+
+def _most_similar(c: Correspondences, limit: int) -> Correspondences:
+    rows = torch.argsort(c.weight, descending=True, stable=True)[:limit]
+    return Correspondences(c.source[rows], c.target[rows], c.weight[rows])
+
+
+def _table(c: Correspondences) -> Float[torch.Tensor, 'n 17']:
+    return Support(c, 1.0).table.double()
+
+
+def _compatible(c: Correspondences, config: SpatialConsistencyConfig) -> Bool[torch.Tensor, 'n n']:
+    """Which pairs of correspondences span edges of one length; none with itself."""
+    agree = (torch.cdist(c.source, c.source) - torch.cdist(c.target, c.target)).abs_()
+    compatible = agree < config.threshold
+    if config.level:
+        rise = c.source[:, 2] - c.target[:, 2]
+        compatible &= (rise[:, None] - rise).abs_() < 1.5 * config.threshold
+    compatible.fill_diagonal_(False)
+    return compatible
+
+
+def _seeds(
+    first: Float[torch.Tensor, 'n n'], c: Correspondences, config: SpatialConsistencyConfig
+) -> Int64[torch.Tensor, ' s']:
+    """Correspondences of the largest eigenvector entries, the best within their reach first."""
+    vector = torch.ones(len(c))
+    for _ in range(POWER_STEPS):
+        vector = first @ vector
+        vector = vector / vector.norm().clamp(min=1e-9)
+    near = torch.cdist(c.source, c.source) < 2 * config.threshold
+    leading = vector >= torch.where(near, vector, -1.0).amax(1)
+    return torch.argsort(vector + leading, descending=True, stable=True)[: config.seeds]

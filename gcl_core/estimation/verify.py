@@ -1,0 +1,100 @@
+"""Dense checks of hypotheses: does what the two scans saw fit together?
+
+A point of one scan must not lie where the other saw through, should lie on a surface of the
+other where that could see it, and ground should lie on ground. Counting aligned points without
+looking at free space prefers wrong places along a street: walls align with walls.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float
+
+from gcl_core.estimation.surface import (
+    CELL,
+    GROUND_CELL,
+    Surface,
+    direction_cell,
+    grid_cell,
+)
+
+
+@dataclass(frozen=True)
+class Fit:
+    """How well two scans fit together under each of h transforms; shares lie in [0, 1].
+
+    Attributes:
+        conflict: share of solid points in space that the other scan saw through.
+        surface: share of solid points on a surface of the other scan, of those that it could see.
+        close: the same, to half a metre.
+        ground: share of ground cells seen by both whose heights agree.
+        overlap: number of solid points that the other scan could see.
+    """
+
+    conflict: Float[torch.Tensor, ' h']
+    surface: Float[torch.Tensor, ' h']
+    close: Float[torch.Tensor, ' h']
+    ground: Float[torch.Tensor, ' h']
+    overlap: Float[torch.Tensor, ' h']
+
+
+def verify(
+    T_target_source: Float[torch.Tensor, 'h 4 4'],
+    *,
+    source: Surface,
+    target: Surface,
+    tolerance: float,
+) -> Fit:
+    """Check transforms, both ways.
+
+    Args:
+        T_target_source: transforms.
+        source: scan.
+        target: scan.
+        tolerance: misalignment that is no conflict, metres.
+    """
+    T = T_target_source.double()
+    there = _one_way(T.float(), source, target, tolerance)
+    back = _one_way(torch.linalg.inv(T).float(), target, source, tolerance)
+    visible, conflict, touching, close, ground, agree = (a + b for a, b in zip(there, back))
+    return Fit(
+        conflict=conflict / (visible + 1),
+        surface=touching / (visible + 1),
+        close=close / (visible + 1),
+        ground=agree / (ground + 1),
+        overlap=visible,
+    )
+
+
+def _one_way(
+    T: Float[torch.Tensor, 'h 4 4'], mover: Surface, other: Surface, tolerance: float
+) -> list[Float[torch.Tensor, ' h']]:
+    """Count solid points visible, in conflict, touching, close; ground known, agreeing."""
+    moved = mover.solid @ T[:, :3, :3].transpose(1, 2) + T[:, None, :3, 3]
+    cell, distance, inside = direction_cell(moved)
+    near, far = other.near.view(-1)[cell], other.far.view(-1)[cell]
+    slack = tolerance + 0.02 * distance  # a degree of turn or tilt, and the thinning of beams
+    # Seen: the other scan has returns in this direction, and none of them hides the point.
+    visible = inside & (near > 0) & (distance < far + slack)
+    conflict = visible & (distance < near - slack)
+    x, y, z = (grid := grid_cell(moved, CELL))[0].unbind(-1)
+    occupied = other.occupied[x, y, z]
+    touching = visible & grid[1] & (occupied > 0)
+    close = visible & grid[1] & (occupied > 1)
+    return [
+        c.sum(1).float()
+        for c in (visible, conflict, touching, close, *_ground(T, mover, other, tolerance))
+    ]
+
+
+def _ground(
+    T: Float[torch.Tensor, 'h 4 4'], mover: Surface, other: Surface, tolerance: float
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """Which ground points lie where the other scan knows the ground, and which agree with it."""
+    moved = mover.ground @ T[:, :3, :3].transpose(1, 2) + T[:, None, :3, 3]
+    cell, inside = grid_cell(moved, GROUND_CELL)
+    height = other.height[cell[..., 0], cell[..., 1]]
+    known = inside & ~height.isnan()
+    return known, known & ((moved[..., 2] - height).abs() < 0.5 * tolerance)

@@ -1,0 +1,144 @@
+"""What came of a registration, hypothesis by hypothesis, beside the truth."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float
+from safetensors import safe_open
+from safetensors.torch import save_file
+
+from gcl_core.estimation.decision import Finalist, examine
+from gcl_core.estimation.refine import Refined
+from gcl_core.evaluation import metrics
+from gcl_core.registrar import Registrar, Stopwatch, View
+from gcl_core.types import Features
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One pair of scans.
+
+    Attributes:
+        kind: where the pair comes from.
+        distance: between the sensors, metres; inf for unrelated places.
+        columns: evidence on each hypothesis as estimated.
+        right: whether it lies within 2 m and 5 degrees of the truth.
+        finalists: as refined.
+        errors: of each finalist: x, y, z, rot_x, rot_y, rot_z, about the target's axes, metres
+            and radians; inf for unrelated places.
+    """
+
+    kind: str
+    distance: float
+    columns: Float[torch.Tensor, 'h 8']
+    right: Bool[torch.Tensor, ' h']
+    finalists: list[Finalist]
+    errors: Float[torch.Tensor, 'f 6']
+
+    @property
+    def strict(self) -> Bool[torch.Tensor, ' f']:
+        """Which finalists meet the strict criterion."""
+        rte, rre = self.errors[:, :3].norm(dim=1), self.errors[:, 3:].norm(dim=1)
+        return (rte <= metrics.STRICT.rte) & (rre.rad2deg() <= metrics.STRICT.rre_deg)
+
+
+def blurred(view: View, sigma: float, generator: torch.Generator) -> View:
+    """Add noise to descriptors, which real scans look like to a network trained on simulated ones.
+
+    Args:
+        view: scan.
+        sigma: of the noise on each number of a unit descriptor.
+        generator: of the noise.
+    """
+    headings = []
+    for features in view.headings:
+        noise = torch.randn(features.descriptors.shape, generator=generator)
+        descriptors = features.descriptors.float() + sigma * noise
+        headings.append(
+            Features(features.points, torch.nn.functional.normalize(descriptors, dim=1))
+        )
+    return replace(view, headings=headings)
+
+
+def run_trial(
+    registrar: Registrar,
+    *,
+    source: View,
+    target: View,
+    T_true: Float[np.ndarray, '4 4'] | None,
+    kind: str,
+) -> Trial | None:
+    """Register a pair as `Registrar.register_views` does; None if there was no hypothesis."""
+    hypotheses, _ = registrar.search(source=source, target=target, watch=Stopwatch())
+    if not hypotheses:
+        return None
+    scene = registrar.scene(source=source, target=target)
+    columns = examine(hypotheses, scene, registrar.config.verify)
+    odds = registrar.calibration.rank.log_odds(columns)
+    finalists = registrar.finalists(hypotheses, odds, scene, source=source, target=target)
+    right = [
+        T_true is not None and metrics.registered(h.T_target_source.numpy(), T_true, metrics.LOOSE)
+        for h in hypotheses
+    ]
+    errors = [error(f.refined.T_target_source, T_true) for f in finalists]
+    return Trial(
+        kind=kind,
+        distance=np.inf if T_true is None else float(np.linalg.norm(T_true[:3, 3])),
+        columns=columns,
+        right=torch.tensor(right),
+        finalists=finalists,
+        errors=torch.from_numpy(np.stack(errors)),
+    )
+
+
+def error(
+    T_estimated: Float[np.ndarray, '4 4'], T_true: Float[np.ndarray, '4 4'] | None
+) -> Float[np.ndarray, '6']:
+    """What leads from the truth to the estimate: translation and rotation vector, target axes."""
+    from scipy.spatial.transform import Rotation
+
+    if T_true is None:
+        return np.full(6, np.inf)
+    turn = Rotation.from_matrix(T_estimated[:3, :3] @ T_true[:3, :3].T).as_rotvec()
+    return np.concatenate([T_estimated[:3, 3] - T_true[:3, 3], turn])
+
+
+def save_trials(path: Path, trials: Iterable[Trial]) -> None:
+    """Write trials to a safetensors file."""
+    tensors, kinds = {}, []
+    for i, trial in enumerate(trials):
+        kinds.append((trial.kind, trial.distance))
+        tensors[f'{i}/columns'], tensors[f'{i}/right'] = trial.columns.contiguous(), trial.right
+        tensors[f'{i}/errors'] = trial.errors
+        for k, f in enumerate(trial.finalists):
+            tensors[f'{i}/{k}/columns'] = f.columns.clone()
+            numbers = [float(f.inliers), f.lead, float(f.slipped), float(f.refined.walked)]
+            tensors[f'{i}/{k}/numbers'] = torch.tensor(numbers, dtype=torch.float64)
+            tensors[f'{i}/{k}/T'] = torch.from_numpy(f.refined.T_target_source.copy())
+            tensors[f'{i}/{k}/information'] = torch.from_numpy(f.refined.information.copy())
+    save_file(tensors, path, metadata={'kinds': json.dumps(kinds)})
+
+
+def load_trials(path: Path) -> list[Trial]:
+    """Read what `save_trials` wrote."""
+    with safe_open(path, framework='pt') as file:
+        get = file.get_tensor
+        trials = []
+        for i, (kind, distance) in enumerate(json.loads(file.metadata()['kinds'])):
+            errors, finalists = get(f'{i}/errors'), []
+            for k in range(len(errors)):
+                inliers, lead, slipped, walked = get(f'{i}/{k}/numbers').tolist()
+                T, information = get(f'{i}/{k}/T').numpy(), get(f'{i}/{k}/information').numpy()
+                refined = Refined(T, information, bool(walked))
+                columns = get(f'{i}/{k}/columns')
+                finalists.append(Finalist(refined, columns, int(inliers), lead, bool(slipped)))
+            trials.append(
+                Trial(kind, distance, get(f'{i}/columns'), get(f'{i}/right'), finalists, errors)
+            )
+    return trials

@@ -1,0 +1,37 @@
+"""Which key points take part in matching: evenly in space, not evenly in index."""
+
+from __future__ import annotations
+
+import torch
+from jaxtyping import Float, Int64
+
+from gcl_core.types import Features
+
+CELL = 4.0  # metres; a cell of a dense near field gives as many key points as one far away
+
+
+def spread(points: Float[torch.Tensor, 'n 3'], limit: int, seed: int) -> Int64[torch.Tensor, ' k']:
+    """Choose at most `limit` rows, one from each cell in turn, so that no region dominates."""
+    if len(points) <= limit:
+        return torch.arange(len(points))
+    order = torch.randperm(len(points), generator=torch.Generator().manual_seed(seed))
+    cell = torch.floor(points[order] / CELL).long()
+    key = (cell[:, 0] << 42) + (cell[:, 1] << 21) + cell[:, 2]
+    by_cell = torch.argsort(key, stable=True)
+    _, count = torch.unique_consecutive(key[by_cell], return_counts=True)
+    start = torch.repeat_interleave(torch.cumsum(count, 0) - count, count)
+    turn = torch.arange(len(points)) - start  # a point's place in its cell's queue
+    chosen = order[by_cell[torch.argsort(turn, stable=True)[:limit]]]
+    return chosen.sort().values
+
+
+def choose(features: Features, limit: int, *, spatially: bool = True, seed: int = 0) -> Features:
+    """Keep at most `limit` key points: spread in space, or any at random."""
+    if len(features) <= limit:
+        return features
+    if spatially:
+        rows = spread(features.points, limit, seed)
+    else:
+        generator = torch.Generator().manual_seed(seed)
+        rows = torch.randperm(len(features), generator=generator)[:limit]
+    return Features(features.points[rows], features.descriptors[rows])

@@ -1,0 +1,164 @@
+"""Calibration on made-up trials, and one real trial of each kind."""
+
+import argparse
+
+import numpy as np
+import pytest
+import torch
+
+from gcl_core import se3
+from gcl_core.errors import GclError
+from gcl_core.estimation.confidence import Spread, load_calibration
+from gcl_core.estimation.decision import Finalist
+from gcl_core.estimation.refine import Refined
+from gcl_core.evaluation import calibrate
+from gcl_core.evaluation.encounters import roughened
+from gcl_core.evaluation.reliability import fit_spread, report, squared_errors, verdicts
+from gcl_core.evaluation.repeated import RepeatedSequence
+from gcl_core.evaluation.trials import (
+    Trial,
+    blurred,
+    error,
+    load_trials,
+    run_trial,
+    save_trials,
+)
+from gcl_core.registrar import Registrar, RegistrarConfig, calibration_file
+
+
+@pytest.fixture(scope='module')
+def registrar():
+    return Registrar(RegistrarConfig(turns=1))
+
+
+def finalist(rng, right):
+    columns = rng.normal(size=8) * 0.3 + np.array([-1, 1, 1, 1, 0, 1, 0, 1]) * (right - 0.5)
+    information = np.diag(1.0 / np.array([0.02, 0.03, 0.02, 0.001, 0.001, 0.002]) ** 2)
+    refined = Refined(np.eye(4), information, walked=False)
+    return Finalist(refined, torch.from_numpy(columns).float(), 30, 1.0 if right else 0.0, False)
+
+
+def made_up(count, seed=0):
+    """Trials whose errors spread twice as far as GICP says, with a right one in every two."""
+    rng = np.random.default_rng(seed)
+    trials = []
+    for i in range(count):
+        right = i % 2 == 0
+        finalists = [finalist(rng, right), finalist(rng, False)]
+        deviation = 2 * np.array([0.02, 0.03, 0.02, 0.001, 0.001, 0.002])
+        errors = np.stack([rng.normal(size=6) * deviation, np.full(6, 9.0)])
+        if not right:
+            errors[0] = 5.0
+        trials.append(
+            Trial(
+                kind=('street', 'repeated', 'unrelated')[i % 3],
+                distance=20.0,
+                columns=torch.stack([f.columns for f in finalists]),
+                right=torch.tensor([right, False]),
+                finalists=finalists,
+                errors=torch.from_numpy(errors),
+            )
+        )
+    return trials
+
+
+def test_fit_separates_right_from_wrong_and_covers_the_errors(registrar):
+    calibration = calibrate.fit(made_up(400), registrar.calibration)
+    held_out = made_up(400, seed=1)
+    outcome = verdicts(held_out, calibration)
+    p, right = outcome.probability, outcome.right
+    assert float(p[right].median()) > 0.9 > 0.2 > float(p[~right].median())
+    assert abs(float(p.mean()) - float(right.double().mean())) < 0.05
+    square = squared_errors(outcome, calibration.spread)
+    assert np.mean(square <= 10.645) == pytest.approx(0.9, abs=0.06)
+    assert np.mean(square <= 5.348) == pytest.approx(0.5, abs=0.12)
+    assert 'wrong of 400 pairs accepted' in report(held_out, calibration)
+
+
+def test_overconfident_information_is_widened(registrar):
+    spread = fit_spread(made_up(300), calibrate.fit(made_up(300), registrar.calibration))
+    assert isinstance(spread, Spread)
+    assert spread.covariance(np.eye(6) * 1e12)[0, 0] == pytest.approx(spread.floor**2, rel=1e-2)
+
+
+def test_trials_survive_a_file(tmp_path):
+    trials = made_up(5)
+    save_trials(tmp_path / 't.safetensors', trials)
+    again = load_trials(tmp_path / 't.safetensors')
+    assert [t.kind for t in again] == [t.kind for t in trials]
+    for a, b in zip(trials, again):
+        assert torch.equal(a.columns, b.columns)
+        assert torch.equal(a.errors, b.errors)
+        assert torch.equal(a.strict, b.strict)
+        assert a.finalists[0].lead == b.finalists[0].lead
+        assert np.array_equal(
+            a.finalists[0].refined.information, b.finalists[0].refined.information
+        )
+
+
+def test_command_writes_a_calibration_that_loads(tmp_path, capsys):
+    for world in range(6):
+        save_trials(tmp_path / f'world_{world:05d}.safetensors', made_up(60, seed=world))
+    options = argparse.Namespace(
+        weights=RegistrarConfig().weights,
+        trials=tmp_path,
+        first=0,
+        worlds=6,
+        seconds=60.0,
+        out=tmp_path / 'own.calibration.json',
+        collect_only=False,
+    )
+    calibrate.run(options)
+    assert 'wrote' in capsys.readouterr().out
+    assert load_calibration(tmp_path / 'own.calibration.json').spread.factor > 0
+    options.trials, options.worlds = tmp_path / 'empty', 0
+    with pytest.raises(GclError, match='0 worlds of trials'):
+        calibrate.run(options)
+
+
+def test_trial_of_a_pair_knows_which_finalist_is_right(registrar, drive):
+    T = se3.inverse(drive.T_world_lidar(90)) @ drive.T_world_lidar(98)
+    source = blurred(registrar.view(drive.scan(98)), 0.02, torch.Generator().manual_seed(0))
+    views = {'source': source, 'target': registrar.view(drive.scan(90))}
+    trial = run_trial(registrar, **views, T_true=T, kind='street')
+    assert bool(trial.right.any())
+    assert bool(trial.strict.any())
+    assert trial.distance == pytest.approx(8.0, abs=0.5)
+    stranger = run_trial(registrar, **views, T_true=None, kind='unrelated')
+    assert not bool(stranger.right.any() or stranger.strict.any())
+
+
+def test_error_is_about_the_targets_axes():
+    T = se3.from_xyz_rpy(x=10.0, yaw=1.0)
+    moved = T.copy()
+    moved[:3, 3] += [0.1, 0.2, 0.3]
+    np.testing.assert_allclose(error(moved, T), [0.1, 0.2, 0.3, 0, 0, 0], atol=1e-9)
+    turned = T.copy()
+    turned[:3, :3] = se3.from_xyz_rpy(roll=0.01)[:3, :3] @ T[:3, :3]
+    np.testing.assert_allclose(error(turned, T), [0, 0, 0, 0.01, 0, 0], atol=1e-9)
+
+
+def test_repeated_streets_repeat(drive):
+    world = RepeatedSequence(4)
+    assert len(world) == 2 * (len(world) // 2)
+    assert len(world.scan(60)) > 20_000
+    assert np.array_equal(world.scan(60).points, RepeatedSequence(4).scan(60).points)
+    far = world.T_world_lidar(60)[:3, 3] - world.T_world_lidar(60 + len(world) // 2)[:3, 3]
+    assert np.linalg.norm(far) == pytest.approx(60.0, abs=2.0)
+
+
+def test_roughening_keeps_the_scan(drive):
+    scan = drive.scan(90)
+    for seed in range(4):
+        rough = roughened(scan, np.random.default_rng(seed))
+        assert 0.4 * len(scan) < len(rough) <= len(scan)
+        assert np.isfinite(rough.points).all()
+        if len(rough) == len(scan):
+            assert np.abs(rough.points - scan.points).max() < 1.0
+
+
+def test_shipped_calibration_is_sane():
+    calibration = load_calibration(calibration_file(RegistrarConfig().weights))
+    assert calibration.rank.weight[0] <= 0 <= calibration.rank.weight[1]
+    assert all(w >= 0 for w in calibration.trust.weight)
+    assert 0 < calibration.spread.floor < 0.5
