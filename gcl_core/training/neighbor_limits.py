@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
@@ -39,7 +39,7 @@ def calibrated(
         clouds: typical scans, untouched by augmentation.
         keep: see `KEEP`.
     """
-    model = KPConvResUNet(replace(network, limits=(UNLIMITED,) * network.levels))
+    model = KPConvResUNet(replace(network, width=2, limits=(UNLIMITED,) * network.levels))
     counts: list[list[torch.Tensor]] = [[] for _ in range(network.levels)]
     for cloud in clouds:
         pyramid = model.prepare(model.voxelize([cloud]))
@@ -58,13 +58,13 @@ def scans(config: SampleConfig) -> Iterator[PointCloud]:
         number += 1
 
 
-def main() -> int:
+def main(arguments: Sequence[str] | None = None) -> int:
     """Count, and print what goes into the YAML."""
     parser = argparse.ArgumentParser(description='Calibrate the neighbour limits of KPConv.')
     parser.add_argument('--config', type=Path, required=True, help='YAML of TrainConfig')
     parser.add_argument('--scans', type=int, default=56, help='how many to count on')
     parser.add_argument('--keep', type=float, default=KEEP, help='share of untouched points')
-    options = parser.parse_args()
+    options = parser.parse_args(arguments)
     try:
         config = load_config(TrainConfig, options.config)
         if not isinstance(config.network, KPConvConfig):

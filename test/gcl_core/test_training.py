@@ -17,6 +17,7 @@ from gcl_core.errors import GclError
 from gcl_core.losses.combined import LossConfig
 from gcl_core.models.kpconv_resunet import KPConvConfig
 from gcl_core.models.resunet import ResUNet, ResUNetConfig
+from gcl_core.training import neighbor_limits
 from gcl_core.training.distributed import Processes
 from gcl_core.training.recipe import GroupConfig, OptimizerConfig, TrainConfig
 from gcl_core.training.samples import SampleConfig, SampleStream, augment
@@ -183,3 +184,14 @@ def test_cached_samples_are_the_same_and_stay_within_the_limit(tmp_path):
     files[0].unlink()
     list(stream((tmp_path, limit)))
     assert len(list(tmp_path.rglob('*.safetensors'))) == 2
+
+
+def test_neighbour_limits_are_counted_from_a_recipe(tmp_path, capsys):
+    for name, recipe in (('kpconv', KPCONV), ('conv', CONFIG)):
+        save_yaml(tmp_path / f'{name}.yaml', recipe)
+    arguments = ['--scans', '1', '--config']
+    assert neighbor_limits.main([*arguments, str(tmp_path / 'kpconv.yaml')]) == 0
+    limits = yaml.safe_load(capsys.readouterr().out)['limits']
+    replace(KPCONV.network, limits=tuple(limits))  # as many as it has levels, all positive
+    assert neighbor_limits.main([*arguments, str(tmp_path / 'conv.yaml')]) == 2
+    assert 'network.backbone is not kpconv' in capsys.readouterr().err
