@@ -23,7 +23,7 @@ from torch import nn
 
 from gcl_core.ops.native.kpconv import influence_entries
 
-CHUNK_VALUES = 1 << 22  # features gathered at a time: bounds memory, whatever the size of a batch
+CHUNK_VALUES = 1 << 20  # features gathered at a time: bounds memory, whatever the size of a batch
 INFLUENCE_VALUES = 1 << 18  # distances computed at a time: they stay in the second-level cache
 
 
