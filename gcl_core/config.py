@@ -62,9 +62,29 @@ def _convert(hint: Any, value: Any, where: str) -> Any:
     if origin in (typing.Union, types.UnionType):
         if value is None and type(None) in args:
             return None
-        return _convert(next(a for a in args if a is not type(None)), value, where)
+        kinds = [a for a in args if a is not type(None)]
+        return _convert(_chosen(kinds, value, where), value, where)
     if hint is float and isinstance(value, int) and not isinstance(value, bool):
         return float(value)
     if not isinstance(value, hint) or (isinstance(value, bool) and hint is not bool):
         raise GclError(f'{where}: expected {hint.__name__}, got {value!r}')
     return value
+
+
+def _chosen(kinds: list[Any], value: Any, where: str) -> Any:
+    """Of several dataclasses, the one whose `Literal` field has the value given; else the first.
+
+    Such a field, `backbone` for instance, must be there in each of them.
+    """
+    if len(kinds) == 1 or not isinstance(value, Mapping):
+        return kinds[0]
+    hints = [typing.get_type_hints(kind) for kind in kinds]
+    for key in value:
+        if all(typing.get_origin(hint.get(key)) is typing.Literal for hint in hints):
+            names = [typing.get_args(hint[key]) for hint in hints]
+            for kind, own in zip(kinds, names, strict=True):
+                if value[key] in own:
+                    return kind
+            known = ', '.join(str(name) for own in names for name in own)
+            raise GclError(f'{where}: {key}: {value[key]!r} is none of {known}')
+    return kinds[0]

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import Any
 
 import pytest
 import torch
 
 from gcl_core.data.simulator.sequence import SimulatedSequence
-from gcl_core.models.resunet import ResUNet, ResUNetConfig
+from gcl_core.models import zoo
+from gcl_core.models.backbone import Backbone
+from gcl_core.models.kpconv_resunet import KPConvConfig
+from gcl_core.models.resunet import ResUNetConfig
 
 REAL = Path(os.environ.get('GCL_REAL_DATA', Path(__file__).parents[2] / 'shared/data/real'))
 
@@ -37,9 +41,17 @@ def kitti_poses_root() -> Path:
     return root
 
 
-@pytest.fixture
-def tiny_network() -> ResUNet:
-    """Untrained network of a few thousand weights."""
+TINY = {
+    'conv': ResUNetConfig(encoder=(4, 6, 8, 8), decoder=(8, 8, 8), head=8, descriptor=8),
+    'kpconv': KPConvConfig(width=8, descriptor=8),
+    'kpconv at 0.6 m': KPConvConfig(
+        width=8, descriptor=8, output_level=1, decoder_blocks=False, height_input=True
+    ),
+}
+
+
+@pytest.fixture(params=TINY)
+def tiny_network(request) -> Backbone[Any, Any]:
+    """Untrained network of a few thousand weights, of each backbone."""
     torch.manual_seed(0)
-    config = ResUNetConfig(encoder=(4, 6, 8, 8), decoder=(8, 8, 8), head=8, descriptor=8)
-    return ResUNet(config)
+    return zoo.build(TINY[request.param])

@@ -2,47 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Literal
 
 import torch
 from jaxtyping import Float
 from torch import nn
 
+from gcl_core.models.backbone import Backbone, BackboneConfig
 from gcl_core.models.blocks import ConvNorm, ResidualBlock
-from gcl_core.ops.ground import height_above_ground
 from gcl_core.ops.kernel_map import build_pyramid
-from gcl_core.ops.voxelize import barycentres, voxelize
-from gcl_core.types import Features, PointCloud, SparseTensor
-
-HEIGHT_SCALE = 3.0  # metres; brings heights of cars and eaves to the size of the constant input
-HEIGHT_LIMIT = 12.0  # metres; above it a tree is a tree
+from gcl_core.ops.voxelize import barycentres
+from gcl_core.types import SparseTensor
 
 
 @dataclass(frozen=True)
-class ResUNetConfig:
+class ResUNetConfig(BackboneConfig):
     """Shape of the network; the defaults are the paper's GCL+Conv ("fat", about 15 M weights).
 
     Attributes:
-        voxel_size: edge of an input voxel, metres.
-        max_range: points beyond it are left out, metres.
+        backbone: chooses this network in a config.
         encoder: channels at strides 1, 2, 4, 8.
         decoder: channels after each upsampling, coarsest first. As many as lead from stride 8
             to the output: three for features on the input voxels (the paper), two for features
             at stride 2, which cost a third.
         head: channels between the two 1x1 layers.
-        descriptor: length of a descriptor.
-        height_input: add the height above the local ground to the constant 1 of the paper.
     """
 
-    voxel_size: float = 0.3
-    max_range: float = 80.0
+    backbone: Literal['conv'] = 'conv'
     encoder: tuple[int, ...] = (32, 64, 128, 256)
     decoder: tuple[int, ...] = (256, 128, 128)
     head: int = 128
-    descriptor: int = 32
-    height_input: bool = False
 
     @property
     def output_level(self) -> int:
@@ -50,14 +41,13 @@ class ResUNetConfig:
         return len(self.encoder) - 1 - len(self.decoder)
 
 
-class ResUNet(nn.Module):
+class ResUNet(Backbone[ResUNetConfig, SparseTensor]):
     """Describe scans by one pass of convolutions over their occupied voxels."""
 
     STEM_KERNEL = 5
 
     def __init__(self, config: ResUNetConfig) -> None:
-        super().__init__()
-        self.config = config
+        super().__init__(config)
         encoder, last = config.encoder, len(config.encoder) - 1
         self.stem = ConvNorm(1 + config.height_input, encoder[0], self.STEM_KERNEL)
         self.down = nn.ModuleList(ConvNorm(a, b) for a, b in pairwise(encoder))
@@ -77,42 +67,23 @@ class ResUNet(nn.Module):
             nn.ReLU(),
             nn.Linear(config.head, config.descriptor),
         )
-        self.dtype = torch.float32
 
-    def describe(self, clouds: Sequence[PointCloud]) -> list[Features]:
-        """Describe each scan by itself; key points lie in its own sensor frame.
-
-        Raises:
-            GclError: a scan has no point within `max_range`.
-        """
-        voxels = self.voxelize(clouds)
-        with torch.inference_mode():
-            points, descriptors, splits = self(voxels)
-        return [Features(points[a:b], descriptors[a:b]) for a, b in pairwise(splits)]
-
-    def voxelize(self, clouds: Sequence[PointCloud]) -> SparseTensor:
-        """Prepare the input: what a data loader can do while the network computes."""
-        config = self.config
-        voxels = voxelize(clouds, voxel_size=config.voxel_size, max_range=config.max_range)
-        if not config.height_input:
-            return voxels
-        height = height_above_ground(voxels.points, voxels.keys >> 48)
-        height = height.clamp(-1.0, HEIGHT_LIMIT) / HEIGHT_SCALE
-        features = torch.cat([voxels.features, height.unsqueeze(1)], 1)
-        return SparseTensor(voxels.keys, voxels.points, features, voxels.splits)
+    def prepare(self, voxels: SparseTensor) -> SparseTensor:
+        """Nothing: the kernel maps are made where the network computes."""
+        return voxels
 
     def forward(
-        self, voxels: SparseTensor
+        self, inputs: SparseTensor
     ) -> tuple[Float[torch.Tensor, 'm 3'], Float[torch.Tensor, 'm d'], tuple[int, ...]]:
         """Return points, unit descriptors and scan splits at the output stride."""
         output = self.config.output_level
         pyramid = build_pyramid(
-            voxels.keys,
+            inputs.keys,
             levels=len(self.config.encoder),
             stem_kernel=self.STEM_KERNEL,
             finest_block=output,
         )
-        x = self.stem(voxels.features.to(self.dtype), pyramid.stem)
+        x = self.stem(inputs.features.to(self.dtype), pyramid.stem)
         skips = []
         for level, block in enumerate(self.encode):
             if level > 0:
@@ -126,9 +97,9 @@ class ResUNet(nn.Module):
             x = torch.cat([block(x, pyramid.same[level]), skips[level]], 1)
         descriptors = nn.functional.normalize(self.head(x.float()), dim=1)
 
-        points = voxels.points
+        points = inputs.points
         for level in range(output):
             points = barycentres(points, pyramid.parent[level], len(pyramid.keys[level + 1]))
         scan = pyramid.keys[output] >> 48
-        splits = torch.searchsorted(scan, torch.arange(len(voxels.splits), device=scan.device))
+        splits = torch.searchsorted(scan, torch.arange(len(inputs.splits), device=scan.device))
         return points, descriptors, tuple(splits.tolist())

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,8 @@ from safetensors.torch import save_file
 
 from gcl_core.config import from_mapping
 from gcl_core.errors import GclError
+from gcl_core.models.backbone import Backbone
+from gcl_core.models.kpconv_resunet import KPConvConfig, KPConvResUNet
 from gcl_core.models.resunet import ResUNet, ResUNetConfig
 from gcl_core.ops.precision import best_dtype
 
@@ -21,8 +23,22 @@ FOLDER = Path(__file__).parent / 'weights'
 DEFAULT = 'gcl_conv'
 FORMAT = 'gcl-resunet-1'
 
+NetworkConfig = ResUNetConfig | KPConvConfig  # told apart by `backbone`; `conv` if it is left out
 
-def save_weights(path: Path, model: ResUNet, record: dict[str, Any]) -> None:
+
+@dataclass(frozen=True)
+class _Record:
+    """What a weights file says of its network."""
+
+    network: NetworkConfig
+
+
+def build(config: NetworkConfig) -> Backbone[Any, Any]:
+    """Make the network of a config, with new weights."""
+    return ResUNet(config) if isinstance(config, ResUNetConfig) else KPConvResUNet(config)
+
+
+def save_weights(path: Path, model: Backbone[Any, Any], record: dict[str, Any]) -> None:
     """Write weights in float32 with the network's config, and `record` beside them as JSON.
 
     Args:
@@ -38,7 +54,7 @@ def save_weights(path: Path, model: ResUNet, record: dict[str, Any]) -> None:
     path.with_suffix('.json').write_text(json.dumps(card, indent=2) + '\n')
 
 
-def load_weights(name_or_path: str = DEFAULT) -> ResUNet:
+def load_weights(name_or_path: str = DEFAULT) -> Backbone[Any, Any]:
     """Load a shipped name or a `.safetensors` file, ready to describe scans.
 
     Raises:
@@ -62,8 +78,8 @@ def load_weights(name_or_path: str = DEFAULT) -> ResUNet:
             tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118
     except SafetensorError as error:
         raise GclError(f'{path} is not a safetensors file: {error}') from None
-    config = from_mapping(ResUNetConfig, json.loads(metadata['network']), str(path))
-    model = ResUNet(config)
+    network = {'network': json.loads(metadata['network'])}
+    model = build(from_mapping(_Record, network, str(path)).network)
     try:
         model.load_state_dict(tensors)
     except RuntimeError as error:

@@ -9,6 +9,7 @@ from typing import Literal
 from gcl_core.errors import GclError
 from gcl_core.losses.combined import LossConfig
 from gcl_core.models.resunet import ResUNetConfig
+from gcl_core.models.zoo import NetworkConfig
 from gcl_core.training.samples import SampleConfig
 
 
@@ -83,7 +84,7 @@ class TrainConfig:
         workers: processes that cut samples.
     """
 
-    network: ResUNetConfig = field(default_factory=ResUNetConfig)
+    network: NetworkConfig = field(default_factory=ResUNetConfig)
     samples: SampleConfig = field(default_factory=SampleConfig)
     groups: GroupConfig = field(default_factory=GroupConfig)
     loss: LossConfig = field(default_factory=LossConfig)

@@ -17,6 +17,8 @@ from safetensors.torch import load_file, save_file
 from gcl_core.training.sample import Sample
 from gcl_core.types import SparseTensor
 
+Voxels = Sample[SparseTensor]  # before a network prepares them: a tenth of the size
+
 
 @dataclass(frozen=True)
 class SampleCache:
@@ -30,7 +32,7 @@ class SampleCache:
     folder: Path
     limit_gb: float
 
-    def get(self, number: int, cut: Callable[[int], Sample]) -> Sample:
+    def get(self, number: int, cut: Callable[[int], Voxels]) -> Voxels:
         """Read sample `number`, or cut and keep it; a damaged file is cut anew."""
         path = self.folder / f'{number}.safetensors'
         try:
@@ -60,8 +62,8 @@ def folder_for(base: Path, *parts: Any) -> Path:
     return base / digest[:16]
 
 
-def _write(path: Path, sample: Sample) -> None:
-    voxels = sample.voxels
+def _write(path: Path, sample: Voxels) -> None:
+    voxels = sample.inputs
     tensors = {
         'keys': voxels.keys,
         'points': voxels.points,
@@ -74,7 +76,7 @@ def _write(path: Path, sample: Sample) -> None:
     temporary.replace(path)
 
 
-def _read(path: Path) -> Sample:
+def _read(path: Path) -> Voxels:
     t = load_file(path)
     splits = tuple(t['splits'].tolist())
     voxels = SparseTensor(t['keys'], t['points'], t['features'], splits)

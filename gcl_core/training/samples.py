@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import torch
@@ -18,9 +18,10 @@ from gcl_core.data.augment import random_turn, thin_out
 from gcl_core.data.formats import open_sequences
 from gcl_core.data.group_index import GroupIndex, ScanGroup
 from gcl_core.errors import GclError
-from gcl_core.models.resunet import ResUNet, ResUNetConfig
+from gcl_core.models.backbone import Backbone
+from gcl_core.models.zoo import NetworkConfig, build
 from gcl_core.training.sample import Sample
-from gcl_core.training.sample_cache import SampleCache, folder_for
+from gcl_core.training.sample_cache import SampleCache, Voxels, folder_for
 from gcl_core.training.simulated import SimulatedGroups, SimulationConfig
 from gcl_core.types import PointCloud
 
@@ -109,7 +110,7 @@ def augment(
     return clouds, np.stack(poses)
 
 
-class SampleStream(IterableDataset[Sample]):
+class SampleStream(IterableDataset[Sample[Any]]):
     """Sample number `i` depends on the recipe, the seed and `i` alone: a run can be resumed.
 
     Args:
@@ -124,7 +125,7 @@ class SampleStream(IterableDataset[Sample]):
     def __init__(
         self,
         config: SampleConfig,
-        network: ResUNetConfig,
+        network: NetworkConfig,
         seed: int,
         numbers: range,
         last: int,
@@ -139,17 +140,18 @@ class SampleStream(IterableDataset[Sample]):
         else:
             self._cache = None
 
-    def __iter__(self) -> Iterator[Sample]:
-        voxelizer = ResUNet(self._network)
+    def __iter__(self) -> Iterator[Sample[Any]]:
+        network = build(self._network)
         worker = get_worker_info()
         own = self._numbers[worker.id :: worker.num_workers] if worker else self._numbers
         for number in own:
             if self._cache:
-                yield self._cache.get(number, lambda n: self.sample(n, voxelizer))
+                sample = self._cache.get(number, lambda n: self.sample(n, network))
             else:
-                yield self.sample(number, voxelizer)
+                sample = self.sample(number, network)
+            yield Sample(network.prepare(sample.inputs), sample.T_centre_scan)
 
-    def sample(self, number: int, voxelizer: ResUNet) -> Sample:
+    def sample(self, number: int, network: Backbone[Any, Any]) -> Voxels:
         """Cut sample `number`."""
         progress = number / max(self._last, 1)
         group = source_of(self._config).group(
@@ -157,7 +159,7 @@ class SampleStream(IterableDataset[Sample]):
         )
         rng = np.random.default_rng([self._seed, number, 7])
         clouds, poses = augment(group, self._config, progress, rng)
-        return Sample(voxelizer.voxelize(clouds), poses)
+        return Sample(network.voxelize(clouds), poses)
 
 
 def leave_cores_to_the_network(worker: int) -> None:

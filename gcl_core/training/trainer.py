@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import nullcontext
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import torch
 from torch import nn
@@ -15,7 +16,8 @@ from tqdm import tqdm
 
 from gcl_core.data.groups import find_groups, sample_groups
 from gcl_core.losses.combined import combined
-from gcl_core.models.resunet import ResUNet
+from gcl_core.models.backbone import Backbone
+from gcl_core.models.zoo import build
 from gcl_core.training import checkpoint
 from gcl_core.training.averaging import averaged, follow
 from gcl_core.training.distributed import Processes
@@ -51,7 +53,7 @@ class Trainer:
         self._share = self.processes.share(config.batch)
         folder.mkdir(parents=True, exist_ok=True)
         torch.manual_seed(config.seed)
-        self.model = ResUNet(config.network).to(self.processes.device)
+        self.model = build(config.network).to(self.processes.device)
         self.model.dtype = torch.bfloat16 if config.bf16 else torch.float32
         self.optimizer = optimizer(self.model, config.optimizer)
         self.average = averaged(self.model) if config.optimizer.average else None
@@ -61,7 +63,7 @@ class Trainer:
         self._parallel = self.processes.parallel(self.model)
 
     @property
-    def shipped(self) -> ResUNet:
+    def shipped(self) -> Backbone[Any, Any]:
         """The weights to validate and to keep: averaged ones where there are."""
         return self.average or self.model
 
@@ -94,7 +96,7 @@ class Trainer:
                 if self.step % self.config.save_every == 0 or self.step == self.config.steps:
                     self.save()
 
-    def _batches(self) -> Iterator[list[Sample]]:
+    def _batches(self) -> Iterator[list[Sample[Any]]]:
         """This process's share of each step's samples, from the current step on."""
         config, processes = self.config, self.processes
         numbers = range(
@@ -112,7 +114,7 @@ class Trainer:
             multiprocessing_context='spawn',
             worker_init_fn=leave_cores_to_the_network,
         )
-        samples: list[Sample] = []
+        samples: list[Sample[Any]] = []
         for sample in loader:
             samples.append(sample)
             if len(samples) == self._share:
@@ -124,7 +126,7 @@ class Trainer:
         if self.processes.first:
             checkpoint.save(self._checkpoint, self._state(), self.step, asdict(self.config))
 
-    def train_step(self, samples: Sequence[Sample]) -> dict[str, float]:
+    def train_step(self, samples: Sequence[Sample[Any]]) -> dict[str, float]:
         """Take one optimiser step; return what belongs in the log."""
         began = time.perf_counter()
         rate = self.config.optimizer.rate(self.step, self.config.steps)
@@ -151,10 +153,10 @@ class Trainer:
             'seconds': round(time.perf_counter() - began, 3),
         }
 
-    def _backward(self, sample: Sample, place: int) -> dict[str, float]:
+    def _backward(self, sample: Sample[Any], place: int) -> dict[str, float]:
         """Add one sample's gradient, its share of the batch."""
         config, device = self.config, self.processes.device
-        points, features, splits = self._parallel(sample.voxels.to(device))
+        points, features, splits = self._parallel(sample.inputs.to(device))
         groups = find_groups(
             points.cpu(),
             splits,

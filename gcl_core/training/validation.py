@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import torch
@@ -16,8 +17,9 @@ from gcl_core.data.simulator.sequence import SimulatedSequence
 from gcl_core.estimation.ransac import RansacConfig, ransac
 from gcl_core.evaluation.metrics import LOOSE, registered
 from gcl_core.matching.match import MatchConfig, match
-from gcl_core.models.resunet import ResUNet, ResUNetConfig
-from gcl_core.types import Features, PointCloud, PositiveGroups, SparseTensor
+from gcl_core.models.backbone import Backbone, Prepared
+from gcl_core.models.zoo import NetworkConfig, build
+from gcl_core.types import Features, PointCloud, PositiveGroups
 
 HELD_OUT = range(990_000_000, 990_000_006)  # seeds of streets that no training run reaches
 PAIRS_PER_BIN = 1  # of each street
@@ -50,34 +52,35 @@ class HeldOutPair:
     """Two scans of a held-out street.
 
     Attributes:
-        source: voxels of the source, turned by up to 40 degrees.
-        target: voxels of the target.
+        source: turned by up to 40 degrees, ready for the network.
+        target: ready for the network.
         T_target_source: the truth.
         bin: distance between the sensors, metres.
     """
 
-    source: SparseTensor
-    target: SparseTensor
+    source: Prepared
+    target: Prepared
     T_target_source: Float[np.ndarray, '4 4']
     bin: tuple[int, int]
 
 
 @lru_cache(maxsize=1)
-def held_out_pairs(config: ResUNetConfig) -> list[HeldOutPair]:
+def held_out_pairs(config: NetworkConfig) -> list[HeldOutPair]:
     """Simulate the held-out streets; the same pairs in every run."""
-    voxelizer, pairs = ResUNet(config), []
+    network, pairs = build(config), []
     for seed in HELD_OUT:
         street, rng = SimulatedSequence(seed), np.random.default_rng(seed)
         for pair in draw_pairs(street, per_bin=PAIRS_PER_BIN, seed=seed):
             turn = random_turn(rng, shared_yaw=0.0, yaw_range=YAW, tilt_range=0.0)
             turned = PointCloud(se3.transform(turn, street.scan(pair.source).points))
             T = T_target_source(street, pair) @ se3.inverse(turn)
-            voxels = [voxelizer.voxelize([c]) for c in (turned, street.scan(pair.target))]
-            pairs.append(HeldOutPair(voxels[0], voxels[1], T, pair.bin))
+            scans = (turned, street.scan(pair.target))
+            source, target = (network.prepare(network.voxelize([scan])) for scan in scans)
+            pairs.append(HeldOutPair(source, target, T, pair.bin))
     return pairs
 
 
-def validate(model: ResUNet) -> dict[str, float]:
+def validate(model: Backbone[Any, Any]) -> dict[str, float]:
     """Register the held-out pairs; returns figures by distance bin.
 
     `inliers` is the share of right ones among mutual matches, `recall` the share of pairs whose
@@ -88,7 +91,7 @@ def validate(model: ResUNet) -> dict[str, float]:
     figures: dict[str, list[float]] = {}
     for pair in held_out_pairs(model.config):
         with torch.inference_mode():
-            described = [model(voxels.to(device)) for voxels in (pair.source, pair.target)]
+            described = [model(scan.to(device)) for scan in (pair.source, pair.target)]
         source, target = (Features(points.cpu(), f.cpu()) for points, f, _ in described)
         matches = match(source=source, target=target, config=MatchConfig())
         T = torch.from_numpy(pair.T_target_source).float()

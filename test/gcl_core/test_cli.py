@@ -150,11 +150,15 @@ def test_evaluate_compares_estimators(pair, capsys):
     assert '| ours + spatial_consistency | 5–10 | 1 | 100 (' in out
 
 
-def test_train_writes_weights_that_register_reads(tmp_path, pair, capsys):
+@pytest.mark.parametrize(
+    'shape',
+    ['encoder: [4, 4, 4, 4], decoder: [4, 4]', 'backbone: kpconv, width: 8, output_level: 1'],
+)
+def test_train_writes_weights_that_register_reads(tmp_path, pair, capsys, shape):
     (tmp_path / 'train.yaml').write_text(
         'steps: 2\nbf16: false\n'
-        'network: {voxel_size: 0.6, max_range: 25.0, encoder: [4, 4, 4, 4], decoder: [4, 4]}\n'
-        'samples: {phi: 1, sensor: hdl32e}\nloss: {groups: 64}\n'
+        f'network: {{voxel_size: 0.6, max_range: 25.0, {shape}}}\n'
+        'samples: {phi: 1, simulation: {sensors: [hdl32e]}}\ngroups: {count: 64}\n'
     )
     arguments = ['--config', str(tmp_path / 'train.yaml'), '--out', str(tmp_path / 'run')]
     assert main(['train', *arguments]) == 0

@@ -4,6 +4,8 @@ import pytest
 
 from gcl_core.config import from_mapping, load_config
 from gcl_core.errors import GclError
+from gcl_core.models.kpconv_resunet import KPConvConfig
+from gcl_core.models.resunet import ResUNetConfig
 from gcl_core.registrar import RegistrarConfig
 from gcl_core.training.trainer import TrainConfig
 
@@ -45,6 +47,16 @@ def test_broken_files_are_named(tmp_path):
     (tmp_path / 'bad.yaml').write_text('a: [1')
     with pytest.raises(GclError, match='not valid YAML'):
         load_config(RegistrarConfig, tmp_path / 'bad.yaml')
+
+
+def test_the_backbone_chooses_the_config():
+    conv, kpconv = ({'voxel_size': 0.2}, {'backbone': 'kpconv', 'width': 16})
+    for values, kind in ((conv, ResUNetConfig), (kpconv, KPConvConfig)):
+        assert isinstance(from_mapping(TrainConfig, {'network': values}, 'x').network, kind)
+    with pytest.raises(GclError, match="network: backbone: 'best' is none of conv, kpconv"):
+        from_mapping(TrainConfig, {'network': {'backbone': 'best'}}, 'x')
+    with pytest.raises(GclError, match="unknown key 'encoder'"):
+        from_mapping(TrainConfig, {'network': {'backbone': 'kpconv', 'encoder': [1]}}, 'x')
 
 
 @pytest.mark.parametrize('path', sorted(CONFIG.glob('train_*.yaml')), ids=lambda p: p.name)

@@ -1,17 +1,22 @@
 import json
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
 import torch
 
 from gcl_core.errors import GclError
+from gcl_core.evaluation import metrics
 from gcl_core.models import zoo
-from gcl_core.models.resunet import ResUNet, ResUNetConfig
+from gcl_core.models.kpconv_resunet import KPConvConfig
+from gcl_core.models.resunet import ResUNetConfig
+from gcl_core.registrar import Registrar, RegistrarConfig
+from gcl_core.training.neighbor_limits import calibrated
 from gcl_core.types import PointCloud
 
 
-def parameters(config: ResUNetConfig) -> int:
-    return sum(p.numel() for p in ResUNet(config).parameters())
+def parameters(config: zoo.NetworkConfig) -> int:
+    return sum(p.numel() for p in zoo.build(config).parameters())
 
 
 def test_sizes_of_the_paper_and_of_fcgf():
@@ -26,7 +31,8 @@ def test_describe_gives_unit_descriptors_at_the_points(tiny_network):
     assert features.points.shape[0] == features.descriptors.shape[0] > 0
     torch.testing.assert_close(features.descriptors.norm(dim=1), torch.ones(len(features)))
     apart = torch.cdist(features.points, torch.from_numpy(points)).min(1).values
-    assert float(apart.max()) < tiny_network.config.voxel_size
+    stride = 2**tiny_network.config.output_level
+    assert float(apart.max()) < tiny_network.config.voxel_size * stride
 
 
 def test_a_scan_is_described_the_same_alone_and_in_a_batch(tiny_network):
@@ -49,7 +55,11 @@ def test_weights_round_trip_and_refuse_damage(tmp_path, tiny_network):
     zoo.save_weights(path, tiny_network, {'seed': 1})
     restored = zoo.load_weights(str(path))
     assert restored.config == tiny_network.config
-    torch.testing.assert_close(restored.stem.conv.weight, tiny_network.stem.conv.weight)
+    for name, tensor in tiny_network.state_dict().items():
+        torch.testing.assert_close(restored.state_dict()[name], tensor, msg=name)
+    cloud = PointCloud(np.random.default_rng(2).uniform(-3, 3, (200, 3)).astype(np.float32))
+    ours, theirs = (m.eval().describe([cloud])[0] for m in (tiny_network, restored))
+    torch.testing.assert_close(theirs.descriptors, ours.descriptors)
     content = bytearray(path.read_bytes())
     content[-1] ^= 1
     path.write_bytes(content)
@@ -71,3 +81,49 @@ def test_shipped_weights_have_a_record():
     card = json.loads((zoo.FOLDER / f'{zoo.DEFAULT}.json').read_text())
     assert card['network']['voxel_size'] == model.config.voxel_size
     assert {'sha256', 'recipe', 'steps', 'data'} <= set(card)
+
+
+def test_a_network_without_a_backbone_is_conv(tmp_path, monkeypatch):
+    """Weights from before there were two."""
+    config = ResUNetConfig(encoder=(2, 2, 2, 2), decoder=(2, 2, 2), head=2, descriptor=2)
+    written = asdict(config)
+    del written['backbone']
+    monkeypatch.setattr(zoo, 'asdict', lambda _: written)
+    zoo.save_weights(tmp_path / 'old.safetensors', zoo.build(config), {})
+    assert zoo.load_weights(str(tmp_path / 'old.safetensors')).config == config
+
+
+def test_untrained_networks_register_a_scan_with_itself(tmp_path, tiny_network, drive):
+    """Registrar and both backbones: the same code, whichever network the weights name."""
+    path = tmp_path / 'w.safetensors'
+    zoo.save_weights(path, tiny_network, {})
+    registrar = Registrar(RegistrarConfig(weights=str(path), turns=1))
+    points = drive.scan(90).points
+    scan = PointCloud(points[np.linalg.norm(points, axis=1) < 12.0])
+    result = registrar.register(source=scan, target=scan)
+    assert metrics.registered(result.T_target_source, np.eye(4), metrics.STRICT)
+    far = PointCloud(np.full((10, 3), 1000.0, np.float32))
+    with pytest.raises(GclError, match='within 80 m'):
+        registrar.register(source=far, target=scan)
+
+
+@pytest.mark.parametrize(
+    ('values', 'message'),
+    [
+        ({'limits': (60, 60)}, 'one positive number for each of 4'),
+        ({'output_level': 3}, 'choose from 0 to 2'),
+        ({'width': 1}, 'width is 1'),
+    ],
+)
+def test_bad_kpconv_configs_are_named(values, message):
+    with pytest.raises(GclError, match=message):
+        KPConvConfig(**values)
+
+
+def test_calibrated_limits_keep_four_fifths_of_the_points_whole(drive):
+    config = calibrated(KPConvConfig(limits=(1, 1, 1, 1)), [drive.scan(90)])
+    model = zoo.build(replace(config, limits=tuple(limit + 1 for limit in config.limits)))
+    pyramid = model.prepare(model.voxelize([drive.scan(90)]))
+    for table in pyramid.same:
+        cut = (table[:, -1] < len(table)).float().mean()
+        assert 0.1 < float(cut) <= 0.2

@@ -15,7 +15,9 @@ from gcl_core import se3
 from gcl_core.data.simulator.sequence import SimulatedSequence
 from gcl_core.errors import GclError
 from gcl_core.losses.combined import LossConfig
+from gcl_core.models.kpconv_resunet import KPConvConfig
 from gcl_core.models.resunet import ResUNet, ResUNetConfig
+from gcl_core.training import neighbor_limits
 from gcl_core.training.distributed import Processes
 from gcl_core.training.recipe import GroupConfig, OptimizerConfig, TrainConfig
 from gcl_core.training.samples import SampleConfig, SampleStream, augment
@@ -41,19 +43,29 @@ CONFIG = TrainConfig(
 )
 
 
-def test_resumed_run_ends_at_the_same_weights(tmp_path):
-    whole = Trainer(CONFIG, tmp_path / 'whole')
+KPCONV = replace(
+    CONFIG,
+    network=KPConvConfig(voxel_size=0.6, max_range=25.0, width=8, output_level=1),
+    loss=replace(CONFIG.loss, pair=1.0, variance=0.0),
+)
+BOTH = pytest.mark.parametrize('recipe', [CONFIG, KPCONV], ids=['conv', 'kpconv'])
+
+
+@BOTH
+def test_resumed_run_ends_at_the_same_weights(tmp_path, recipe):
+    whole = Trainer(recipe, tmp_path / 'whole')
     whole.run()
     rows = [json.loads(line) for line in (tmp_path / 'whole/log.jsonl').open()]
     assert [row['step'] for row in rows] == [1, 2, 3, 4]
-    assert {'contrast', 'variance', 'finest', 'negative'} <= set(rows[-1])
+    positive = 'variance' if recipe.loss.variance else 'pair'
+    assert {'contrast', positive, 'finest', 'negative'} <= set(rows[-1])
 
-    broken = Trainer(CONFIG, tmp_path / 'broken')
-    stream = SampleStream(CONFIG.samples, CONFIG.network, CONFIG.seed, range(2), CONFIG.steps)
+    broken = Trainer(recipe, tmp_path / 'broken')
+    stream = SampleStream(recipe.samples, recipe.network, recipe.seed, range(2), recipe.steps)
     for sample in stream:
         broken.train_step([sample])
     broken.save()
-    resumed = Trainer(CONFIG, tmp_path / 'broken')
+    resumed = Trainer(recipe, tmp_path / 'broken')
     assert resumed.step == 2
     resumed.run()
     for (name, a), b in zip(
@@ -62,9 +74,10 @@ def test_resumed_run_ends_at_the_same_weights(tmp_path):
         torch.testing.assert_close(a, b, msg=name)
 
 
-def test_loss_falls_on_one_sample(tmp_path):
+@BOTH
+def test_loss_falls_on_one_sample(tmp_path, recipe):
     optimizer = OptimizerConfig(learning_rate=5e-3, warmup=3)
-    config = replace(CONFIG, steps=30, optimizer=optimizer, loss=LossConfig())
+    config = replace(recipe, steps=30, optimizer=optimizer, loss=LossConfig())
     trainer = Trainer(config, tmp_path)
     sample = next(iter(SampleStream(config.samples, config.network, 1, range(1), 1)))
     losses = [trainer.train_step([sample])['contrast'] for _ in range(15)]
@@ -160,14 +173,25 @@ def test_cached_samples_are_the_same_and_stay_within_the_limit(tmp_path):
     plain = list(stream(None))
     for _ in range(2):
         for a, b in zip(plain, stream((tmp_path, 1.0)), strict=True):
-            assert torch.equal(a.voxels.keys, b.voxels.keys)
-            assert a.voxels.splits == b.voxels.splits
+            assert torch.equal(a.inputs.keys, b.inputs.keys)
+            assert a.inputs.splits == b.inputs.splits
             np.testing.assert_array_equal(a.T_centre_scan, b.T_centre_scan)
     files = sorted(tmp_path.rglob('*.safetensors'))
     assert len(files) == 3
     files[0].write_bytes(b'damaged')
-    assert torch.equal(next(iter(stream((tmp_path, 1.0)))).voxels.keys, plain[0].voxels.keys)
+    assert torch.equal(next(iter(stream((tmp_path, 1.0)))).inputs.keys, plain[0].inputs.keys)
     limit = 2.5 * files[1].stat().st_size / 1e9
     files[0].unlink()
     list(stream((tmp_path, limit)))
     assert len(list(tmp_path.rglob('*.safetensors'))) == 2
+
+
+def test_neighbour_limits_are_counted_from_a_recipe(tmp_path, capsys):
+    for name, recipe in (('kpconv', KPCONV), ('conv', CONFIG)):
+        save_yaml(tmp_path / f'{name}.yaml', recipe)
+    arguments = ['--scans', '1', '--config']
+    assert neighbor_limits.main([*arguments, str(tmp_path / 'kpconv.yaml')]) == 0
+    limits = yaml.safe_load(capsys.readouterr().out)['limits']
+    replace(KPCONV.network, limits=tuple(limits))  # as many as it has levels, all positive
+    assert neighbor_limits.main([*arguments, str(tmp_path / 'conv.yaml')]) == 2
+    assert 'network.backbone is not kpconv' in capsys.readouterr().err

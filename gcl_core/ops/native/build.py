@@ -14,7 +14,7 @@ from functools import cache
 from pathlib import Path
 
 log = logging.getLogger(__name__)
-SOURCES = ('kernel_map.cpp', 'sparse_conv.cpp')
+SOURCES = ('kernel_map.cpp', 'kpconv.cpp', 'radius.cpp', 'sparse_conv.cpp')
 FLAGS = ('-O3', '-march=native', '-fopenmp', '-shared', '-fPIC', '-fno-exceptions', '-fno-rtti')
 SWITCH = 'GCL_NATIVE'  # environment variable; 0 keeps to plain torch
 COMPILE_SECONDS = 120

@@ -1,0 +1,99 @@
+"""What trainer, registrar and benchmarks know of a network: one contract for every backbone."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Generic, Protocol, TypeVar, cast
+
+import torch
+from jaxtyping import Float
+from torch import nn
+
+from gcl_core.ops.ground import height_above_ground
+from gcl_core.ops.voxelize import voxelize
+from gcl_core.types import Features, PointCloud, SparseTensor
+
+HEIGHT_SCALE = 3.0  # metres; brings heights of cars and eaves to the size of the constant input
+HEIGHT_LIMIT = 12.0  # metres; above it a tree is a tree
+
+
+@dataclass(frozen=True)
+class BackboneConfig:
+    """What the config of every backbone has, besides `backbone`, the name it is chosen by.
+
+    Attributes:
+        voxel_size: edge of an input voxel, metres.
+        max_range: points beyond it are left out, metres.
+        descriptor: length of a descriptor.
+        height_input: add the height above the local ground to the constant 1 of the paper.
+    """
+
+    voxel_size: float = 0.3
+    max_range: float = 80.0
+    descriptor: int = 32
+    height_input: bool = False
+
+
+class Prepared(Protocol):
+    """Scans as a network takes them."""
+
+    def to(self, device: torch.device) -> Prepared:
+        """Copy to a device, or return itself if it is there."""
+
+
+Inputs = TypeVar('Inputs', bound=Prepared)
+Config = TypeVar('Config', bound=BackboneConfig)
+
+
+class Backbone(nn.Module, ABC, Generic[Config, Inputs]):
+    """Describes scans: clouds -> voxels -> inputs -> points and descriptors.
+
+    Attributes:
+        config: shape of the network.
+        dtype: in which it computes.
+    """
+
+    def __init__(self, config: Config) -> None:
+        super().__init__()
+        self.config = config
+        self.dtype = torch.float32
+
+    def voxelize(self, clouds: Sequence[PointCloud]) -> SparseTensor:
+        """Bring scans onto the first grid, with the network's input features.
+
+        Raises:
+            GclError: a scan has no point within `max_range`.
+        """
+        config = self.config
+        voxels = voxelize(clouds, voxel_size=config.voxel_size, max_range=config.max_range)
+        if not config.height_input:
+            return voxels
+        height = height_above_ground(voxels.points, voxels.keys >> 48)
+        height = height.clamp(-1.0, HEIGHT_LIMIT) / HEIGHT_SCALE
+        features = torch.cat([voxels.features, height.unsqueeze(1)], 1)
+        return SparseTensor(voxels.keys, voxels.points, features, voxels.splits)
+
+    @abstractmethod
+    def prepare(self, voxels: SparseTensor) -> Inputs:
+        """Do what a data loader can do, on the CPU, while the network computes."""
+
+    @abstractmethod
+    def forward(
+        self, inputs: Inputs
+    ) -> tuple[Float[torch.Tensor, 'm 3'], Float[torch.Tensor, 'm d'], tuple[int, ...]]:
+        """Return points, unit descriptors and scan splits at the output's resolution."""
+
+    def describe(self, clouds: Sequence[PointCloud]) -> list[Features]:
+        """Describe each scan by itself; key points lie in its own sensor frame.
+
+        Raises:
+            GclError: a scan has no point within `max_range`.
+        """
+        device = next(self.parameters()).device
+        inputs = cast(Inputs, self.prepare(self.voxelize(clouds)).to(device))
+        with torch.inference_mode():
+            points, descriptors, splits = self(inputs)
+        return [Features(points[a:b], descriptors[a:b]) for a, b in pairwise(splits)]

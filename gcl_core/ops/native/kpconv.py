@@ -1,0 +1,67 @@
+"""The compiled parts of KPConv as functions of tensors; each is None if torch has to do it."""
+
+from __future__ import annotations
+
+import ctypes
+
+import torch
+from jaxtyping import Float, Int32, Int64
+
+from gcl_core.ops.native.build import library
+from gcl_core.ops.native.kernels import SUFFIX
+
+
+def influence_entries(
+    outputs: Float[torch.Tensor, 'm 3'],
+    inputs: Float[torch.Tensor, 'n 3'],
+    neighbors: Int32[torch.Tensor, 'm k'],
+    kernel: Float[torch.Tensor, 'p 3'],
+    extent: float,
+) -> (
+    tuple[Int64[torch.Tensor, ' r+1'], Int32[torch.Tensor, ' e'], Float[torch.Tensor, ' e']] | None
+):
+    """Start, column and value of `gcl_core.ops.kpconv.Influences`."""
+    plain = all(t.dtype == torch.float32 and not t.is_cuda for t in (outputs, inputs, kernel))
+    lib = library() if plain else None
+    if lib is None:
+        return None
+    outputs, inputs, neighbors = outputs.contiguous(), inputs.contiguous(), neighbors.contiguous()
+    by_axis = kernel.t().contiguous()
+    start = torch.zeros(len(outputs) * len(kernel) + 1, dtype=torch.long)
+    column, value = torch.empty(0, dtype=torch.int32), torch.empty(0)
+    for fill in (False, True):
+        if fill:
+            start = start.cumsum(0)
+            column = torch.empty(int(start[-1]), dtype=torch.int32)
+            value = torch.empty(int(start[-1]))
+        lib.gcl_influences(
+            *(_at(outputs), _at(inputs), ctypes.c_int64(len(inputs))),
+            *(_at(neighbors), *map(ctypes.c_int64, neighbors.shape)),
+            *(_at(by_axis), ctypes.c_int64(len(kernel)), ctypes.c_float(extent), _at(start)),
+            *(_at(column) if fill else None, _at(value) if fill else None),
+            ctypes.c_int(torch.get_num_threads()),
+        )
+    return start, column, value
+
+
+def neighbor_max_rows(
+    x: Float[torch.Tensor, 'n c'], neighbors: Int32[torch.Tensor, 'm k']
+) -> tuple[Float[torch.Tensor, 'm c'], Int32[torch.Tensor, 'm c']] | None:
+    """Largest feature among the neighbours, and its row."""
+    suffix = SUFFIX.get(x.dtype)
+    lib = library() if suffix and not x.is_cuda else None
+    if lib is None:
+        return None
+    x, neighbors = x.contiguous(), neighbors.contiguous()
+    out = x.new_empty(len(neighbors), x.shape[1])
+    winner = torch.empty(out.shape, dtype=torch.int32)
+    getattr(lib, f'gcl_neighbor_max_{suffix}')(
+        *(_at(x), *map(ctypes.c_int64, x.shape)),
+        *(_at(neighbors), *map(ctypes.c_int64, neighbors.shape)),
+        *(_at(out), _at(winner), ctypes.c_int(torch.get_num_threads())),
+    )
+    return out, winner
+
+
+def _at(tensor: torch.Tensor) -> ctypes.c_void_p:
+    return ctypes.c_void_p(tensor.data_ptr())
