@@ -35,6 +35,7 @@ from gcl_core.ops.native.kernels import kernels_for
 from gcl_core.types import Features, PointCloud, Registration
 
 BEARABLE_YAW = np.deg2rad(40.0)  # between two scans; trained with up to 25 degrees on each
+FEWEST_KEY_POINTS = 100  # anything fits a handful of points
 SHIPPED = f'{zoo.DEFAULT}.calibration.json'
 TURN_MARGIN = np.deg2rad(25.0)  # beyond half a turn step, headings are another turn's business
 
@@ -150,6 +151,10 @@ class Registrar:
     ) -> Registration:
         """Register scans that were prepared by `view`, the source at all headings."""
         watch = watch or Stopwatch()
+        few = min(len(source.headings[0]), len(target.headings[0]))
+        if few < FEWEST_KEY_POINTS:
+            reason = f'a scan has {few} key points, {FEWEST_KEY_POINTS} needed'
+            return Registration(None, 0, 0, reason, watch.stop())
         hypotheses, offered = self.search(source=source, target=target, watch=watch)
         if not hypotheses:
             return Registration(None, 0, offered, 'no consistent correspondences', watch.stop())

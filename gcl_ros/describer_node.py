@@ -19,7 +19,7 @@ from sensor_msgs.msg import PointCloud2, PointField
 from gcl_core import se3
 from gcl_core.errors import GclError
 from gcl_core.models import zoo
-from gcl_core.models.resunet import ResUNet
+from gcl_core.models.backbone import Backbone
 from gcl_core.types import PointCloud
 from gcl_ros import health, transport
 from gcl_ros.conversions import point_cloud
@@ -61,7 +61,7 @@ class DescriberNode(ConfiguredNode[DescriberConfig]):
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('describer', DescriberConfig, **kwargs)
-        self._model: ResUNet | None = None
+        self._model: Backbone[Any, Any] | None = None
         self._hash = ''
         self._publisher: Any = None
         self._input: Any = None

@@ -25,7 +25,7 @@ import torch
 from gcl_core import se3
 from gcl_core.errors import GclError
 from gcl_core.matching.keypoints import spread
-from gcl_core.models.resunet import ResUNet
+from gcl_core.models.backbone import Backbone
 from gcl_core.ops.ground import height_above_ground
 from gcl_core.types import Features
 from gcl_ros.conversions import check_size, column
@@ -38,7 +38,7 @@ _INT8, _INT16 = 1, 3  # sensor_msgs/PointField datatypes
 _NAME = re.compile(r'gcl(\d+)_(\w+)')
 
 
-def weights_hash(model: ResUNet) -> str:
+def weights_hash(model: Backbone[Any, Any]) -> str:
     """First 12 digits of the SHA-256 of a network's shape and values."""
     digest = hashlib.sha256(json.dumps(asdict(model.config), sort_keys=True).encode())
     for name, tensor in sorted(model.state_dict().items()):

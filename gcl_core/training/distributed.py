@@ -53,6 +53,14 @@ class Processes:
         ids = [self.device] if self.device.type == 'cuda' else None
         return nn.parallel.DistributedDataParallel(model, device_ids=ids, broadcast_buffers=False)
 
+    def mean(self, row: dict[str, float]) -> dict[str, float]:
+        """Average figures over the processes; all must have the same keys."""
+        if self.count == 1:
+            return row
+        values = torch.tensor(list(row.values()), dtype=torch.float64, device=self.device)
+        distributed.all_reduce(values)
+        return dict(zip(row, (values / self.count).tolist(), strict=True))
+
     def synchronised(self, model: nn.Module, *, last: bool) -> AbstractContextManager[None]:
         """Let only the last backward pass of a step exchange gradients."""
         if last or not isinstance(model, nn.parallel.DistributedDataParallel):

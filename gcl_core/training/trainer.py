@@ -144,10 +144,10 @@ class Trainer:
         if self.average:
             follow(self.average, self.model, self.config.optimizer.average, self.step)
         self.step += 1
-        mean = {name: sum(row[name] for row in rows) / len(rows) for name in rows[0]}
+        own = {name: sum(row[name] for row in rows) / len(rows) for name in rows[0]}
         return {
             'step': self.step,
-            **mean,
+            **self.processes.mean(own),
             'lr': rate,
             'gradient': float(norm),
             'seconds': round(time.perf_counter() - began, 3),

@@ -76,3 +76,11 @@ def test_scan_out_of_range_is_named(same_heading, drive):
 def test_bad_turns_are_named():
     with pytest.raises(GclError, match='turns is 0'):
         RegistrarConfig(turns=0)
+
+
+def test_a_handful_of_points_is_no_scan(same_heading, drive):
+    """Anything fits a handful of points: they are refused, however well they agree."""
+    few = PointCloud(drive.scan(90).points[::4000])
+    result = same_heading.register(source=few, target=few)
+    assert not result.accepted
+    assert 'key points' in result.reason

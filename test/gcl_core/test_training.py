@@ -93,7 +93,9 @@ def save_yaml(path, config):
 
 
 def test_two_processes_take_the_steps_of_one(tmp_path):
-    config = replace(CONFIG, batch=2, steps=3)
+    # Plain SGD: Adam's first steps turn a difference in the last bit into one of a per cent.
+    sgd = OptimizerConfig(name='sgd', learning_rate=0.1, warmup=1)
+    config = replace(CONFIG, batch=2, steps=3, optimizer=sgd)
     save_yaml(tmp_path / 'recipe.yaml', config)
     Trainer(config, tmp_path / 'one').run()
     launch = [sys.executable, '-m', 'torch.distributed.run', '--standalone', '--nproc_per_node=2']
@@ -101,9 +103,10 @@ def test_two_processes_take_the_steps_of_one(tmp_path):
     subprocess.run([*launch, *command, '--out', str(tmp_path / 'two')], check=True, timeout=100)
     one, two = rows(tmp_path / 'one'), rows(tmp_path / 'two')
     assert [row['step'] for row in two] == [1, 2, 3]
-    # The first process logs its own half of the batch; the gradient is everyone's.
-    for a, b in zip(one, two, strict=True):
-        assert b['gradient'] == pytest.approx(a['gradient'], rel=1e-3)
+    assert two[0]['loss'] == pytest.approx(one[0]['loss'], rel=1e-5)
+    for a, b in zip(one, two, strict=True):  # rounding grows from step to step
+        assert b['loss'] == pytest.approx(a['loss'], rel=1e-2)
+        assert b['gradient'] == pytest.approx(a['gradient'], rel=1e-2)
 
 
 def test_a_batch_that_cannot_be_shared_is_refused():
