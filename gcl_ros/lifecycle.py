@@ -18,6 +18,7 @@ from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 
 from gcl_core.errors import GclError
+from gcl_core.ops.memory import keep_freed_memory
 from gcl_ros.parameters import Parameters
 
 C = TypeVar('C')
@@ -163,6 +164,7 @@ def run(make: Callable[[], ConfiguredNode[Any]]) -> None:
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
+    keep_freed_memory()
     with rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO):
         node = make()
         executor = SingleThreadedExecutor()

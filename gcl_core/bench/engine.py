@@ -22,6 +22,7 @@ from gcl_core.models.blocks import ConvNorm
 from gcl_core.models.resunet import ResUNet, ResUNetConfig
 from gcl_core.models.zoo import load_weights
 from gcl_core.ops.kernel_map import KernelMap, build_pyramid
+from gcl_core.ops.memory import keep_freed_memory
 from gcl_core.ops.precision import best_dtype
 from gcl_core.ops.sparse_conv import sparse_conv
 from gcl_core.types import PointCloud, SparseTensor
@@ -37,6 +38,7 @@ def main() -> None:
     parser.add_argument('--out', type=Path, default=Path('bench/engine.json'))
     parser.add_argument('--naive', action='store_true', help=argparse.SUPPRESS)
     options = parser.parse_args()
+    keep_freed_memory()  # as the nodes and the trainer do
     scan, model, voxels = fixture()
     if options.naive:
         print(json.dumps(network(model, voxels, torch.float32, repeats=3)))
@@ -60,7 +62,7 @@ def main() -> None:
     convolving = figures['inference_ms'] - figures['maps_ms']
     figures['gemm_share'] = 1e3 * figures['gflop'] / convolving / figures['gemm_gflops']
     figures |= provenance()
-    rounded = {k: round(v, 4) if isinstance(v, float) else v for k, v in figures.items()}
+    rounded = {k: round(v, 6) if isinstance(v, float) else v for k, v in figures.items()}
     print('\n'.join(f'| {key} | {value} |' for key, value in rounded.items()))
     options.out.parent.mkdir(parents=True, exist_ok=True)
     options.out.write_text(json.dumps(rounded, indent=2) + '\n')

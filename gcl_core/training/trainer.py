@@ -18,11 +18,11 @@ from gcl_core.data.groups import find_groups, sample_groups
 from gcl_core.losses.combined import combined
 from gcl_core.models.backbone import Backbone
 from gcl_core.models.zoo import build
+from gcl_core.ops.memory import keep_freed_memory
 from gcl_core.training import checkpoint
 from gcl_core.training.averaging import averaged, follow
 from gcl_core.training.distributed import Processes
 from gcl_core.training.log import TrainingLog
-from gcl_core.training.memory import keep_freed_memory
 from gcl_core.training.recipe import OptimizerConfig, TrainConfig
 from gcl_core.training.sample import Sample
 from gcl_core.training.samples import SampleStream, leave_cores_to_the_network

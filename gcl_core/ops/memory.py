@@ -1,4 +1,4 @@
-"""The allocator's habits during training."""
+"""The allocator's habits in a process that computes for long."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ LARGEST = 1 << 25  # bytes; the largest threshold that glibc takes for mmap
 
 
 def keep_freed_memory() -> None:
-    """Ask glibc not to hand buffers back at every free; page faults cost a third of a step.
+    """Ask glibc not to hand buffers back at every free; page faults cost up to a third of a step.
 
     Buffers of 32 MB and more still come from mmap and go back: kept, they would fragment the heap
     to several times what is in use.
