@@ -224,7 +224,7 @@ class Registrar:
     ) -> Registration:
         """Accept or withhold the winner."""
         reason = ''
-        if winner.slipped:
+        if winner.refined.walked:
             reason = 'refinement left the place that the correspondences support'
         elif probability < self.config.min_probability:
             reason = f'probability {probability:.3f}, {self.config.min_probability:g} needed'
@@ -237,7 +237,9 @@ class Registrar:
             ms=watch.stop(),
             accepted=not reason,
             probability=probability,
-            covariance=None if winner.slipped else spread.covariance(winner.refined.information),
+            covariance=None
+            if winner.refined.walked
+            else spread.covariance(winner.refined.information),
         )
 
 

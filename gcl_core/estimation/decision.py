@@ -11,14 +11,12 @@ from jaxtyping import Float
 
 from gcl_core.errors import GclError
 from gcl_core.estimation.confidence import Calibration
-from gcl_core.estimation.evidence import COLUMNS, Scene, evidence
+from gcl_core.estimation.evidence import Scene, evidence
 from gcl_core.estimation.hypothesis import Hypothesis, distinct
 from gcl_core.estimation.refine import Prepared, RefineConfig, Refined, refine
 
-CLOSE = COLUMNS.index('close')
 NO_RIVAL = 20.0  # lead in log odds when no other place was found
 SATURATION = 5.0  # log odds beyond which more says little more: real scans differ from the fit's
-KEPT_CLOSE = 0.8  # share of the closely aligned points that a refinement must keep
 
 
 @dataclass(frozen=True)
@@ -54,14 +52,12 @@ class Finalist:
         columns: evidence as refined.
         inliers: correspondences that agreed before refinement.
         lead: log ratio of the inliers to those of the best hypothesis of another place.
-        slipped: whether refinement walked away or made the alignment worse.
     """
 
     refined: Refined
     columns: Float[torch.Tensor, ' 8']
     inliers: int
     lead: float
-    slipped: bool
 
 
 def stacked(hypotheses: list[Hypothesis]) -> Float[torch.Tensor, 'h 4 4']:
@@ -104,20 +100,13 @@ def refine_finalists(
         for h in chosen
     ]
     after = torch.from_numpy(np.stack([r.T_target_source for r in refined]))
-    columns = evidence(
-        torch.cat([stacked(chosen), after]),
-        torch.tensor([h.inliers for h in chosen]).repeat(2),
-        scene,
-        tolerance=verify.fine_tolerance,
-    )
-    close_before, close_after = columns[: len(rows), CLOSE], columns[len(rows) :, CLOSE]
-    lost = close_after < KEPT_CLOSE * close_before
+    support = torch.tensor([h.inliers for h in chosen])
+    columns = evidence(after, support, scene, tolerance=verify.fine_tolerance)
     finalists = []
     for i, r in enumerate(refined):
         if all(bool(distinct(after[i], after[k])) for k in range(i)):
-            slipped = r.walked or bool(lost[i])
             lead = _lead(after[i], chosen[i].inliers, hypotheses)
-            finalists.append(Finalist(r, columns[len(rows) + i], chosen[i].inliers, lead, slipped))
+            finalists.append(Finalist(r, columns[i], chosen[i].inliers, lead))
     return finalists
 
 

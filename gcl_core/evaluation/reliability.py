@@ -27,7 +27,7 @@ class Verdicts:
     Attributes:
         columns: what `Calibration.trust` judges.
         right: whether it meets the strict criterion.
-        probability: that it does, as calibrated; 0 where refinement slipped.
+        probability: that it does, as calibrated; 0 where refinement walked away.
         errors: six, about the target's axes.
         winners: finalists.
     """
@@ -51,11 +51,11 @@ def verdicts(trials: list[Trial], calibration: Calibration) -> Verdicts:
         winners.append(winner)
     stacked = torch.cat(columns)
     probability = calibration.trust.log_odds(stacked).sigmoid()
-    slipped = torch.tensor([w.slipped for w in winners])
+    walked = torch.tensor([w.refined.walked for w in winners])
     return Verdicts(
         stacked,
         torch.stack(right),
-        torch.where(slipped, 0.0, probability),
+        torch.where(walked, 0.0, probability),
         torch.stack(errors),
         winners,
     )
@@ -65,7 +65,7 @@ def squared_errors(outcome: Verdicts, spread: Spread) -> Float[np.ndarray, ' n']
     """Squared errors of right winners in units of their covariance (Mahalanobis)."""
     values = []
     for i, winner in enumerate(outcome.winners):
-        if outcome.right[i] and not winner.slipped:
+        if outcome.right[i] and not winner.refined.walked:
             error = outcome.errors[i].numpy()
             covariance = spread.covariance(winner.refined.information)
             values.append(float(error @ np.linalg.solve(covariance, error)))
@@ -94,7 +94,9 @@ def fit_spread(trials: list[Trial], calibration: Calibration) -> Spread:
 def _trimmed_cost(outcome: Verdicts, spread: Spread) -> float:
     """Mean negative log likelihood of Student's t (4 degrees): heavy tails do not decide alone."""
     informations = np.stack([w.refined.information for w in outcome.winners])
-    kept = np.array([bool(r) and not w.slipped for r, w in zip(outcome.right, outcome.winners)])
+    kept = np.array(
+        [bool(r) and not w.refined.walked for r, w in zip(outcome.right, outcome.winners)]
+    )
     informations, errors = informations[kept], outcome.errors.numpy()[kept]
     values, vectors = np.linalg.eigh(informations)
     inverse = (vectors / np.maximum(values, 1e-3)[:, None]) @ vectors.transpose(0, 2, 1)

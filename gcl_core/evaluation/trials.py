@@ -118,7 +118,7 @@ def save_trials(path: Path, trials: Iterable[Trial]) -> None:
         tensors[f'{i}/errors'] = trial.errors
         for k, f in enumerate(trial.finalists):
             tensors[f'{i}/{k}/columns'] = f.columns.clone()
-            numbers = [float(f.inliers), f.lead, float(f.slipped), float(f.refined.walked)]
+            numbers = [float(f.inliers), f.lead, float(f.refined.walked)]
             tensors[f'{i}/{k}/numbers'] = torch.tensor(numbers, dtype=torch.float64)
             tensors[f'{i}/{k}/T'] = torch.from_numpy(f.refined.T_target_source.copy())
             tensors[f'{i}/{k}/information'] = torch.from_numpy(f.refined.information.copy())
@@ -133,11 +133,11 @@ def load_trials(path: Path) -> list[Trial]:
         for i, (kind, distance) in enumerate(json.loads(file.metadata()['kinds'])):
             errors, finalists = get(f'{i}/errors'), []
             for k in range(len(errors)):
-                inliers, lead, slipped, walked = get(f'{i}/{k}/numbers').tolist()
+                inliers, lead, walked = get(f'{i}/{k}/numbers').tolist()
                 T, information = get(f'{i}/{k}/T').numpy(), get(f'{i}/{k}/information').numpy()
                 refined = Refined(T, information, bool(walked))
                 columns = get(f'{i}/{k}/columns')
-                finalists.append(Finalist(refined, columns, int(inliers), lead, bool(slipped)))
+                finalists.append(Finalist(refined, columns, int(inliers), lead))
             trials.append(
                 Trial(kind, distance, get(f'{i}/columns'), get(f'{i}/right'), finalists, errors)
             )
