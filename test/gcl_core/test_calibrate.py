@@ -35,7 +35,7 @@ def finalist(rng, right):
     columns = rng.normal(size=8) * 0.3 + np.array([-1, 1, 1, 1, 0, 1, 0, 1]) * (right - 0.5)
     information = np.diag(1.0 / np.array([0.02, 0.03, 0.02, 0.001, 0.001, 0.002]) ** 2)
     refined = Refined(np.eye(4), information, walked=False)
-    return Finalist(refined, torch.from_numpy(columns).float(), 30, 1.0 if right else 0.0, False)
+    return Finalist(refined, torch.from_numpy(columns).float(), 30, 1.0 if right else 0.0)
 
 
 def made_up(count, seed=0):
