@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
+from scipy.spatial import cKDTree
 
 from gcl_core.data.simulator import furniture, vegetation, vehicles
 from gcl_core.data.simulator.buildings import house, silhouette
@@ -12,6 +13,9 @@ from gcl_core.data.simulator.lots import STYLES, Lot
 from gcl_core.data.simulator.primitives import Triangles, cylinder
 from gcl_core.data.simulator.surfaces import NAMES, Soup, soup
 from gcl_core.data.simulator.terrain import REACH, Terrain
+
+HALF_VEHICLE = 1.2  # metres to either side of a lane's middle that stay free
+HEADROOM = 3.5  # metres above the road
 
 
 class Street:
@@ -54,7 +58,7 @@ class Street:
         s, lateral, yaw = np.array(self._places).T
         xy, z = self.terrain.xy(s, lateral), self.terrain.height(s, lateral) - 0.05
         turn = self.terrain.heading(s) + yaw
-        kept = np.flatnonzero(~self.terrain.folded(s, lateral))
+        kept = np.flatnonzero(~self.terrain.folded(s, lateral) & ~self._in_the_way(xy, z, turn))
         parts = [self._parts[i] for i in kept]
         owner = np.repeat(kept, [len(part) for part in parts])
         triangles = move(np.concatenate(parts), owner, np.column_stack([xy, z]), turn)
@@ -67,6 +71,35 @@ class Street:
             np.array(surface),
             rng,
         )
+
+    def _in_the_way(
+        self,
+        xy: Float[np.ndarray, 'o 2'],
+        z: Float[np.ndarray, ' o'],
+        turn: Float[np.ndarray, ' o'],
+    ) -> Bool[np.ndarray, ' o']:
+        """Which parts reach into the lanes, lower than a vehicle; a bend may put far ones there."""
+        terrain = self.terrain
+        clear = 0.4 * terrain.half_road + HALF_VEHICLE
+        along = np.arange(-REACH, REACH, 1.0)
+        road = terrain.xy(along, np.zeros_like(along))
+        height = terrain.height(along, np.zeros_like(along))
+        tree = cKDTree(road)
+        away, _ = tree.query(xy)
+        found = np.zeros(len(xy), dtype=bool)
+        for i, part in enumerate(self._parts):
+            corners = part.reshape(-1, 3)
+            if away[i] > clear + np.abs(corners[:, :2]).max() * np.sqrt(2):
+                continue
+            middles = (part + np.roll(part, 1, axis=1)).reshape(-1, 3) / 2
+            points = np.concatenate([corners, middles, part.mean(1)])
+            c, s = np.cos(turn[i]), np.sin(turn[i])
+            moved = xy[i] + points[:, :2] @ np.array([[c, s], [-s, c]])
+            distance, nearest = tree.query(moved, distance_upper_bound=clear)
+            hit = np.isfinite(distance)
+            low = z[i] + points[hit, 2] < height[nearest[hit]] + HEADROOM
+            found[i] = bool(low.any())
+        return found
 
     def blocked(self, s: float, margin: float) -> bool:
         """Whether a side street or a bridge takes this place along the road."""
