@@ -115,7 +115,7 @@ def test_inspect_compares_with_simulated_worlds(tree, tmp_path, capsys):
         '--kitti',
         str(tree),
         '--sequence',
-        '01',
+        '00',
         '--sensor',
         'vlp16',
         '--kind',

@@ -78,7 +78,7 @@ class Street:
         z: Float[np.ndarray, ' o'],
         turn: Float[np.ndarray, ' o'],
     ) -> Bool[np.ndarray, ' o']:
-        """Which parts reach into the lanes, lower than a vehicle; a bend may put far ones there."""
+        """Which parts reach into the lanes below a roof; a bend may put far ones there."""
         terrain = self.terrain
         clear = 0.4 * terrain.half_road + HALF_VEHICLE
         along = np.arange(-REACH, REACH, 1.0)
