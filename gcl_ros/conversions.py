@@ -140,33 +140,34 @@ def fill_point_cloud2(message: Any, points: np.ndarray, field_type: Any) -> Any:
 
 def fill_transform(message: Any, T: np.ndarray) -> Any:
     """Fill a `geometry_msgs/Transform` from a 4x4 matrix; returns it."""
-    message.translation.x, message.translation.y, message.translation.z = map(float, T[:3, 3])
-    rotation = message.rotation
-    rotation.x, rotation.y, rotation.z, rotation.w = se3.to_quaternion(T[:3, :3])
+    _fill(message.translation, message.rotation, T)
     return message
 
 
 def matrix(message: Any) -> np.ndarray:
     """4x4 matrix of a `geometry_msgs/Transform`."""
-    q, t = message.rotation, message.translation
-    return se3.from_rotation_translation(
-        se3.from_quaternion(q.x, q.y, q.z, q.w), np.array([t.x, t.y, t.z])
-    )
+    return _rigid(message.rotation, message.translation)
 
 
 def fill_pose(message: Any, T: np.ndarray) -> Any:
     """Fill a `geometry_msgs/Pose` from a 4x4 matrix; returns it."""
-    message.position.x, message.position.y, message.position.z = map(float, T[:3, 3])
-    turn = message.orientation
-    turn.x, turn.y, turn.z, turn.w = se3.to_quaternion(T[:3, :3])
+    _fill(message.position, message.orientation, T)
     return message
 
 
 def pose_matrix(message: Any) -> np.ndarray:
     """4x4 matrix of a `geometry_msgs/Pose`."""
-    q, p = message.orientation, message.position
+    return _rigid(message.orientation, message.position)
+
+
+def _fill(place: Any, turn: Any, T: np.ndarray) -> None:
+    place.x, place.y, place.z = map(float, T[:3, 3])
+    turn.x, turn.y, turn.z, turn.w = se3.to_quaternion(T[:3, :3])
+
+
+def _rigid(q: Any, t: Any) -> np.ndarray:
     return se3.from_rotation_translation(
-        se3.from_quaternion(q.x, q.y, q.z, q.w), np.array([p.x, p.y, p.z])
+        se3.from_quaternion(q.x, q.y, q.z, q.w), np.array([t.x, t.y, t.z])
     )
 
 

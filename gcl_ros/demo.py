@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from gcl_core import se3
 from gcl_core.data.sequence import positions
 from gcl_core.data.simulator.sequence import SimulatedSequence
 from gcl_core.evaluation import metrics
@@ -44,7 +45,7 @@ HEADER = (
 
 def _pose(T: np.ndarray) -> str:
     x, y, z = T[:3, 3]
-    heading = np.rad2deg(np.arctan2(T[1, 0], T[0, 0]))
+    heading = np.rad2deg(se3.yaw(T))
     return f'{x:7.2f} {y:6.2f} {z:5.2f} {heading:7.1f}°'
 
 

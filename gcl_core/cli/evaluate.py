@@ -12,7 +12,7 @@ from typing import Any
 
 from tqdm import tqdm
 
-from gcl_core.cli.source import add_layout
+from gcl_core.cli.source import add_source
 from gcl_core.config import load_config
 from gcl_core.data.formats import open_sequences
 from gcl_core.data.pair_list import PairList, read_pair_list
@@ -40,11 +40,7 @@ def add_parser(commands: Any) -> None:
         description='Register listed or random pairs, with peers on the same pairs.',
         epilog='Example: gcl evaluate --kitti DIR --sequence 08 --peers fpfh --random-yaw',
     )
-    source = parser.add_mutually_exclusive_group(required=True)
-    source.add_argument('--data', '--kitti', type=Path, help='data set, bag, or folder of clouds')
-    source.add_argument('--simulated', type=int, metavar='SEED', help='a simulated street')
-    parser.add_argument('--sequence', help='KITTI digits, nuScenes log, …; default: the only one')
-    add_layout(parser)
+    add_source(parser)
     parser.add_argument('--pairs', type=Path, help='list of pairs, as `gcl pairs` writes it')
     parser.add_argument('--config', type=Path, help='YAML of RegistrarConfig')
     parser.add_argument('--per-bin', type=int, default=16, help='pairs in each distance bin')

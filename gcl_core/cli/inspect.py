@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from gcl_core import se3
-from gcl_core.cli.source import add_layout
+from gcl_core.cli.source import add_source
 from gcl_core.data.formats import open_sequence
 from gcl_core.data.overlap import overlap
 from gcl_core.data.sequence import Sequence, positions
@@ -36,11 +36,7 @@ def add_parser(commands: Any) -> None:
         description='Count points and voxels of 0.3 m by range, overlap of a pair, groups.',
         epilog='Example: gcl inspect --kitti DIR --sequence 08 --pair 120 100 --picture pair.png',
     )
-    source = parser.add_mutually_exclusive_group(required=True)
-    source.add_argument('--data', '--kitti', type=Path, help='data set, bag, or folder of clouds')
-    source.add_argument('--simulated', type=int, metavar='SEED', help='a simulated drive')
-    parser.add_argument('--sequence', help='KITTI digits, nuScenes log, …; default: the only one')
-    add_layout(parser)
+    add_source(parser)
     parser.add_argument('--sensor', default='hdl64e', choices=sorted(SENSORS), help='simulated')
     parser.add_argument('--kind', choices=sorted(KINDS), help='kind of simulated place')
     what = parser.add_mutually_exclusive_group()

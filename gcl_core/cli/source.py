@@ -1,10 +1,20 @@
-"""The option that several commands share."""
+"""The options that several commands share."""
 
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 
 from gcl_core.data.formats import LAYOUTS
+
+
+def add_source(parser: argparse.ArgumentParser) -> None:
+    """Add `--data` or `--simulated`, `--sequence` and `--format`."""
+    source = parser.add_mutually_exclusive_group(required=True)
+    source.add_argument('--data', '--kitti', type=Path, help='data set, bag, or folder of clouds')
+    source.add_argument('--simulated', type=int, metavar='SEED', help='a simulated drive')
+    parser.add_argument('--sequence', help='KITTI digits, nuScenes log, …; default: the only one')
+    add_layout(parser)
 
 
 def add_layout(parser: argparse.ArgumentParser) -> None:

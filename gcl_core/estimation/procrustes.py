@@ -6,25 +6,19 @@ import torch
 from jaxtyping import Float
 
 
-def kabsch(
-    source: Float[torch.Tensor, 'n 3'],
-    target: Float[torch.Tensor, 'n 3'],
-    weight: Float[torch.Tensor, ' n'],
-) -> Float[torch.Tensor, '4 4']:
-    """Weighted least-squares rigid transform `T_target_source` (Kabsch, 1976), float64.
-
-    Weights are not negative and not all zero.
-    """
-    p, q, w = source.double(), target.double(), weight.double().unsqueeze(1)
-    outer = (q.unsqueeze(2) * p.unsqueeze(1)).flatten(1)
-    columns = torch.cat([torch.zeros_like(w), torch.ones_like(w), p, q, outer], 1)
-    return from_moments((w * columns).sum(0, keepdim=True))[0]
+def products(
+    source: Float[torch.Tensor, 'n 3'], target: Float[torch.Tensor, 'n 3']
+) -> Float[torch.Tensor, 'n 17']:
+    """Columns for correspondences p -> q: |p|^2 + |q|^2, 1, p, q, and q p^T row by row."""
+    outer = (target.unsqueeze(2) * source.unsqueeze(1)).flatten(1)
+    squares = (source.square() + target.square()).sum(1, keepdim=True)
+    return torch.cat([squares, torch.ones_like(squares), source, target, outer], 1)
 
 
 def from_moments(moments: Float[torch.Tensor, 'h 17']) -> Float[torch.Tensor, 'h 4 4']:
-    """Least-squares rigid transforms from weighted sums over correspondences p -> q, float64.
+    """Least-squares rigid transforms from weighted sums of `products` (Kabsch, 1976), float64.
 
-    Columns: one unused, the sum of the weights, of p, of q, and of q p^T row by row.
+    The first column is not used; the second, the sum of the weights, must be positive.
     """
     total = moments[:, 1:2].clamp(min=1e-12)
     p_mean, q_mean = moments[:, 2:5] / total, moments[:, 5:8] / total

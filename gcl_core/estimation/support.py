@@ -13,7 +13,7 @@ import torch
 from jaxtyping import Bool, Float
 
 from gcl_core.estimation.hypothesis import Hypothesis
-from gcl_core.estimation.procrustes import from_moments
+from gcl_core.estimation.procrustes import from_moments, products
 from gcl_core.types import Correspondences
 
 BLOCK = 1 << 21  # hypotheses x correspondences held at a time: 8 MB of float32
@@ -28,10 +28,7 @@ class Support:
     """
 
     def __init__(self, correspondences: Correspondences, threshold: float) -> None:
-        p, q = correspondences.source.float(), correspondences.target.float()
-        outer = (q.unsqueeze(2) * p.unsqueeze(1)).flatten(1)
-        squares = (p.square() + q.square()).sum(1, keepdim=True)
-        self.table = torch.cat([squares, torch.ones_like(squares), p, q, outer], 1)  # (n, 17)
+        self.table = products(correspondences.source.float(), correspondences.target.float())
         self._columns = self.table.t().contiguous()
         self.weight = correspondences.weight.float().clamp(min=0)
         self._limit = threshold**2

@@ -10,14 +10,13 @@ from typing import Any, cast
 import numpy as np
 import torch
 
-from gcl_core import se3
-from gcl_core.data.pairs import Pair, T_target_source
+from gcl_core.data.pairs import Pair
 from gcl_core.data.sequence import Sequence
 from gcl_core.estimation.estimators import estimate
 from gcl_core.estimation.hypothesis import Hypothesis
 from gcl_core.estimation.refine import prepare, refine
 from gcl_core.evaluation.peers import fpfh_features
-from gcl_core.evaluation.predict import Prediction
+from gcl_core.evaluation.predict import Prediction, turned_pairs
 from gcl_core.matching.match import MatchConfig, match
 from gcl_core.registrar import Registrar, RegistrarConfig, max_heading
 from gcl_core.types import Features, PointCloud
@@ -63,19 +62,13 @@ def compare(
     The transform is the one of most support, refined by GICP and given whatever its probability.
     Times are those of matching and estimation.
     """
-    rng = None if random_yaw_seed is None else np.random.default_rng(random_yaw_seed)
-    for pair in pairs:
-        turned = 0.0 if rng is None else float(rng.uniform(-np.pi, np.pi))
-        T_turned_source = se3.from_xyz_rpy(yaw=turned)
-        target = sequence.scan(pair.target)
-        source = PointCloud(se3.transform(T_turned_source, sequence.scan(pair.source).points))
-        T_true = T_target_source(sequence, pair) @ se3.inverse(T_turned_source)
+    for p in turned_pairs(sequence, pairs, random_yaw_seed):
         prepared = {
-            'source': prepare(source, registrar.config.refine),
-            'target': prepare(target, registrar.config.refine),
+            'source': prepare(p.source, registrar.config.refine),
+            'target': prepare(p.target, registrar.config.refine),
         }
         for kind in features:
-            described = _describe(registrar, kind, source, target)
+            described = _describe(registrar, kind, p.source, p.target)
             for name in estimators:
                 began = time.perf_counter()
                 best = best_hypothesis(*described, settings(registrar.config, name))
@@ -86,7 +79,7 @@ def compare(
                     refined = refine(start, **prepared, config=registrar.config.refine)
                     T = refined.T_target_source
                 label = f'{kind} + {name}'
-                yield Prediction(label, sequence.name, pair, turned, T_true, T, seconds)
+                yield Prediction(label, sequence.name, p.pair, p.turned, p.T_true, T, seconds)
 
 
 def _describe(

@@ -40,6 +40,39 @@ class Prediction:
     seconds: float
 
 
+@dataclass(frozen=True)
+class TurnedPair:
+    """The scans of a pair, the source turned by a heading.
+
+    Attributes:
+        pair: which scans.
+        turned: heading that the source was turned by, radians.
+        source: as turned.
+        target: as recorded.
+        T_true: maps the turned source into the target frame.
+    """
+
+    pair: Pair
+    turned: float
+    source: PointCloud
+    target: PointCloud
+    T_true: Float[np.ndarray, '4 4']
+
+
+def turned_pairs(
+    sequence: Sequence, pairs: Iterable[Pair], random_yaw_seed: int | None
+) -> Iterator[TurnedPair]:
+    """Read each pair, its source turned by a random heading if there is a seed for it."""
+    rng = None if random_yaw_seed is None else np.random.default_rng(random_yaw_seed)
+    for pair in pairs:
+        turned = 0.0 if rng is None else float(rng.uniform(-np.pi, np.pi))
+        T_turned_source = se3.from_xyz_rpy(yaw=turned)
+        target = sequence.scan(pair.target)
+        source = PointCloud(se3.transform(T_turned_source, sequence.scan(pair.source).points))
+        T_true = T_target_source(sequence, pair) @ se3.inverse(T_turned_source)
+        yield TurnedPair(pair, turned, source, target, T_true)
+
+
 def predict(
     methods: dict[str, Method],
     sequence: Sequence,
@@ -55,15 +88,9 @@ def predict(
         pairs: scans to register.
         random_yaw_seed: turn each source by a random heading first.
     """
-    rng = None if random_yaw_seed is None else np.random.default_rng(random_yaw_seed)
-    for pair in pairs:
-        turned = 0.0 if rng is None else float(rng.uniform(-np.pi, np.pi))
-        T_turned_source = se3.from_xyz_rpy(yaw=turned)
-        target = sequence.scan(pair.target)
-        source = PointCloud(se3.transform(T_turned_source, sequence.scan(pair.source).points))
-        T_true = T_target_source(sequence, pair) @ se3.inverse(T_turned_source)
+    for p in turned_pairs(sequence, pairs, random_yaw_seed):
         for name, method in methods.items():
             began = time.perf_counter()
-            T = method(source, target)
+            T = method(p.source, p.target)
             seconds = time.perf_counter() - began
-            yield Prediction(name, sequence.name, pair, turned, T_true, T, seconds)
+            yield Prediction(name, sequence.name, p.pair, p.turned, p.T_true, T, seconds)

@@ -98,7 +98,7 @@ def augment(
         if place > 0 and config.keep < 1:
             cloud = thin_out(cloud, rng.uniform(config.keep, 1), rng)
         # What drives the other way faces the other way: headings are taken from the centre's.
-        facing = np.arctan2(T_centre_scan[1, 0], T_centre_scan[0, 0])
+        facing = se3.yaw(T_centre_scan)
         turn = random_turn(
             rng,
             shared_yaw=shared + facing,
