@@ -55,8 +55,8 @@ def is_feature_cloud(message: Any) -> bool:
 def selected(features: Features, limit: int) -> Features:
     """Keep at most `limit` key points, evenly in space, most of them above the ground.
 
-    Of 88 simulated pairs 12 to 40 m apart, described with 1,000 key points, 76 were accepted so,
-    60 without the preference, 59 without any ground, 86 with both clouds raw; none wrongly.
+    In a trial on simulated pairs more were accepted so than without the preference, or without
+    any ground; `python -m gcl_ros.bench_keypoints` measures recall on a bag.
     """
     if len(features) <= limit:
         return features
