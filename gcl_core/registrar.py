@@ -211,7 +211,7 @@ class Registrar:
         config = self.config
         return refine_finalists(
             hypotheses,
-            odds.argsort(descending=True)[: config.verify.finalists].tolist(),
+            odds,
             scene,
             source=source.prepared,
             target=target.prepared,
