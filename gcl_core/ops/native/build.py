@@ -14,7 +14,14 @@ from functools import cache
 from pathlib import Path
 
 log = logging.getLogger(__name__)
-SOURCES = ('kernel_map.cpp', 'kpconv.cpp', 'nearest.cpp', 'radius.cpp', 'sparse_conv.cpp')
+SOURCES = (
+    'kernel_map.cpp',
+    'kpconv.cpp',
+    'nearest.cpp',
+    'radius.cpp',
+    'sparse_conv.cpp',
+    'voxelize.cpp',
+)
 HEADERS = ('product.h',)
 FLAGS = ('-O3', '-march=native', '-fopenmp', '-shared', '-fPIC', '-fno-exceptions', '-fno-rtti')
 SWITCH = 'GCL_NATIVE'  # environment variable; 0 keeps to plain torch
