@@ -110,7 +110,7 @@ def grid_cell(
 ) -> tuple[Int64[torch.Tensor, '*h n'], Bool[torch.Tensor, '*h n']]:
     """Flat cell of such a grid, and whether it lies within the margin; cell 0 if it does not."""
     shape = grid_shape(size)
-    flat, inside = 0.0, torch.ones(1, dtype=torch.bool)
+    flat, inside = torch.zeros(1), torch.ones(1, dtype=torch.bool)
     for row, low, cells in zip(points.unbind(-2), (-MAX_RANGE, -MAX_RANGE, BELOW), shape):
         place = ((row - low) / size).floor_() + 1
         inside = inside & (place > 0) & (place < cells - 1)
