@@ -81,7 +81,7 @@ class View:
 
     Attributes:
         headings: features in the frames turned by `turns`.
-        turns: T_turned_lidar of each heading; the first is the identity.
+        turns: T_turned_lidar of each heading; the identity alone where it is a target.
         surface: for checks.
         prepared: for refinement.
     """
@@ -119,13 +119,19 @@ class Registrar:
         kernels = 'compiled kernels' if kernels_for(torch.empty(0, dtype=self.model.dtype)) else ''
         return f'{str(self.model.dtype).split(".")[1]}, {kernels or "plain torch"}'
 
-    def view(self, cloud: PointCloud, *, turns: int = 1) -> View:
+    def view(self, cloud: PointCloud, *, turns: int = 1, yaw: float = 0.0) -> View:
         """Describe a scan at evenly spaced headings, and prepare it for checks and refinement.
+
+        Args:
+            cloud: the scan.
+            turns: how many headings.
+            yaw: of the first turn, radians: where the target's frame is known to be turned so,
+                one heading is enough.
 
         Raises:
             GclError: no point lies within the network's range.
         """
-        matrices = [se3.from_xyz_rpy(yaw=2 * np.pi * k / turns) for k in range(turns)]
+        matrices = [se3.from_xyz_rpy(yaw=yaw + 2 * np.pi * k / turns) for k in range(turns)]
         turned = [PointCloud(se3.transform(T, cloud.points)) for T in matrices]
         return View(
             headings=[self.model.describe([c])[0] for c in turned],

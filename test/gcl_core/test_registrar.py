@@ -37,6 +37,19 @@ def test_registers_simulated_scans_at_any_heading(registrar, drive, yaw):
     assert {'describe', 'match', 'estimate', 'verify', 'refine', 'total'} == set(result.ms)
 
 
+def test_a_known_heading_needs_no_others(same_heading, drive):
+    turn = se3.from_xyz_rpy(yaw=2.0)
+    source = PointCloud(se3.transform(turn, drive.scan(102).points))
+    T = truth(drive, 102, 90) @ se3.inverse(turn)
+    target = same_heading.view(drive.scan(90))
+    for yaw, found in ((float(se3.yaw(T)), True), (0.0, False)):
+        result = same_heading.register_views(
+            source=same_heading.view(source, yaw=yaw), target=target
+        )
+        assert result.accepted == found
+        assert metrics.registered(result.T_target_source, T, metrics.STRICT) == found
+
+
 def test_registers_real_scans(same_heading, real_root):
     sequence = KittiSequence(real_root, '80')
     result = same_heading.register(source=sequence.scan(8), target=sequence.scan(0))
