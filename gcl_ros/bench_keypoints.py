@@ -21,9 +21,10 @@ from gcl_core.registrar import Registrar, RegistrarConfig
 from gcl_core.types import Features, PointCloud
 from gcl_ros.bag import pair_list_label, read_encounters
 from gcl_ros.evaluate_bag import described, offline, raw
-from gcl_ros.exchange import Exchange, Scan
+from gcl_ros.exchange import Exchange
 from gcl_ros.feature_cloud import selected
 from gcl_ros.report import write_report
+from gcl_ros.views import Scan
 
 COUNTS = (250, 500, 1000, 2000, 5000)
 BYTES = {'int8': 38, 'bf16': 70}  # of a key point: three 16-bit coordinates, 32 values

@@ -24,10 +24,11 @@ from gcl_core.evaluation.predict import Method, Prediction
 from gcl_core.registrar import Registrar, RegistrarConfig
 from gcl_core.types import PointCloud
 from gcl_ros.bag import Encounter, pair_list_label, read_encounters
-from gcl_ros.exchange import Exchange, Scan
+from gcl_ros.exchange import Exchange
 from gcl_ros.feature_cloud import fill_feature_cloud
 from gcl_ros.report import write_report
 from gcl_ros.session import through_node
+from gcl_ros.views import Scan
 
 PEERS: dict[str, Method] = {'fpfh': peers.fpfh_ransac}
 

@@ -5,6 +5,9 @@ several. Whoever has the points can turn them: the source if it is raw, else the
 both come described, the side with more headings turns; with one heading each, only vehicles that
 face the same way are found.
 
+Where the heading is known from the last transform, one description of the turned scan is enough;
+all headings are looked at when nothing is accepted at that one.
+
 Key points of a described scan stand in for its points in the checks and in GICP.
 """
 
@@ -20,30 +23,16 @@ from jaxtyping import Float
 
 from gcl_core import se3
 from gcl_core.errors import GclError
-from gcl_core.estimation.refine import prepare
-from gcl_core.estimation.surface import surface
 from gcl_core.matching.match import match
-from gcl_core.registrar import Registrar, RegistrarConfig, Stopwatch, View
-from gcl_core.types import Correspondences, Features, PointCloud, Registration
+from gcl_core.registrar import Registrar, Stopwatch, View
+from gcl_core.types import Correspondences, PointCloud, Registration
 from gcl_ros.conversions import point_cloud
-from gcl_ros.feature_cloud import feature_cloud, is_feature_cloud, turns_of, weights_hash
+from gcl_ros.feature_cloud import feature_cloud, is_feature_cloud, weights_hash
 from gcl_ros.recent import Recent
+from gcl_ros.views import Look, Scan, Views, look_at
 
-KEPT = 4  # scans and views that are kept for the next pair
+KEPT = 4  # scans that are kept for the next pair
 FEWEST_POINTS, FEWEST_KEY_POINTS = 1000, 100  # anything fits a handful of points
-
-
-@dataclass(frozen=True)
-class Scan:
-    """One message, read.
-
-    Attributes:
-        cloud: its points, or its key points.
-        headings: features if it came described; empty if raw.
-    """
-
-    cloud: PointCloud
-    headings: tuple[Features, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -55,12 +44,14 @@ class Registered:
         source: view that was taken.
         target: view that was taken.
         swapped: whether the target was turned; `source` is then the target's view.
+        headings: at how many the turned one was looked at.
     """
 
     result: Registration
     source: View
     target: View
     swapped: bool
+    headings: int
 
 
 class Exchange:
@@ -73,7 +64,7 @@ class Exchange:
     def __init__(self, registrar: Registrar) -> None:
         self.registrar = registrar
         self._scans: Recent[Scan] = Recent(KEPT)
-        self._views: Recent[View] = Recent(KEPT)
+        self._views = Views(registrar)
         self.weights = weights_hash(registrar.model)
 
     def read(
@@ -105,42 +96,60 @@ class Exchange:
             )
         return scan
 
-    def register(self, *, source: Scan, target: Scan) -> Registered:
+    def register(self, *, source: Scan, target: Scan, yaw: float | None = None) -> Registered:
         """Find the transform that maps source points into the target frame.
+
+        Args:
+            source: to be mapped.
+            target: to be mapped into.
+            yaw: heading that the transform should have, radians, where one is known. It only
+                says where to look first: what is found there is judged like anything else.
 
         Raises:
             GclError: a cloud has no point within the network's range.
         """
         watch = Stopwatch()
-        turned_target = bool(source.headings) and (
-            not target.headings or len(target.headings) > len(source.headings)
-        )
-        turned, still = (target, source) if turned_target else (source, target)
+        swapped = turns_target(source=source, target=target)
+        still, turned = (source, target) if swapped else (target, source)
+        first = self._look(turned, swapped, yaw)
+        registered = self._at(first, still, turned, swapped, watch)
+        everywhere = self._look(turned, swapped, None)
+        if registered.result.accepted or first == everywhere:
+            return registered
+        again = self._at(everywhere, still, turned, swapped, watch)
+        return replace(again, headings=again.headings + registered.headings)
+
+    def prepare(self, scan: Scan, *, turned: bool, swapped: bool, yaw: float | None) -> None:
+        """Describe a scan whose partner is about to come.
+
+        Args:
+            scan: of either side.
+            turned: whether it is the one that will be turned.
+            swapped: whether that is the target.
+            yaw: as for `register`.
+        """
+        self._views.get(scan, self._look(scan, swapped, yaw) if turned else Look())
+
+    def close(self) -> None:
+        """End the thread that helps."""
+        self._views.close()
+
+    def _look(self, turned: Scan, swapped: bool, yaw: float | None) -> Look:
+        """At which headings the turned scan is described."""
+        turns = len(turned.headings) or self.registrar.config.turns
+        if yaw is None or turns == 1:
+            return Look(turns)
+        return look_at(-yaw if swapped else yaw)
+
+    def _at(
+        self, look: Look, still: Scan, turned: Scan, swapped: bool, watch: Stopwatch
+    ) -> Registered:
         with watch('describe'):
-            views = (self._view(still, turns=1), self._view(turned))
+            views = self._views.both(still, turned, look)
         result = self.registrar.register_views(target=views[0], source=views[1], watch=watch)
-        if turned_target:
+        if swapped:
             result = inverted(result)
-        return Registered(result, views[1], views[0], turned_target)
-
-    def _view(self, scan: Scan, *, turns: int | None = None) -> View:
-        """Describe a scan, or take what is known of it: a target serves all its sources."""
-        config = self.registrar.config
-        turns = turns or (len(scan.headings) or config.turns)
-        key = (scan, turns, config)
-        return self._views.get(key, lambda: self._make_view(scan, turns, config))
-
-    def _make_view(self, scan: Scan, turns: int, config: RegistrarConfig) -> View:
-        if not scan.headings:
-            return self.registrar.view(scan.cloud, turns=turns)
-        headings = list(scan.headings)[:turns]
-        matrices = turns_of(len(scan.headings))[:turns]
-        return View(
-            headings=headings,
-            turns=torch.from_numpy(np.stack(matrices)),
-            surface=surface(scan.cloud),
-            prepared=prepare(scan.cloud, config.refine),
-        )
+        return Registered(result, views[1], views[0], swapped, look.turns)
 
     def agreeing(self, registered: Registered, reach: float = 1.0) -> Correspondences:
         """Matches that agree with the transform within `reach` metres, in the scans' own frames.
@@ -167,6 +176,13 @@ class Exchange:
         ends = [torch.from_numpy(points[close]) for points in (own, other)]
         source, target = reversed(ends) if registered.swapped else ends
         return Correspondences(source, target, matches.weight[torch.from_numpy(close)])
+
+
+def turns_target(*, source: Scan, target: Scan) -> bool:
+    """Whether it is the target that is turned: the source came described, with fewer headings."""
+    if not source.headings:
+        return False
+    return not target.headings or len(target.headings) > len(source.headings)
 
 
 def inverted(result: Registration) -> Registration:
