@@ -4,6 +4,7 @@ from __future__ import annotations
 
 RANGES: dict[str, tuple[float, float]] = {
     'max_pair_dt': (0.0, 10.0),
+    'heading_memory': (0.0, 3600.0),
     'silence': (0.1, 3600.0),
     'max_age': (0.01, 3600.0),
     'max_rate': (0.01, 1000.0),

@@ -32,11 +32,13 @@ from gcl_ros.diagnostics import Diagnostics, Report
 from gcl_ros.exchange import Exchange
 from gcl_ros.lifecycle import ConfiguredNode, run
 from gcl_ros.link import SINGLE, Link, Wanted
+from gcl_ros.pairing import Side
 from gcl_ros.pairings import Pairings
 from gcl_ros.tracking import MotionConfig
 from gcl_ros.worker import Worker
 
-Pair = tuple[str, PointCloud2, PointCloud2]  # name of the source, its cloud, the target's
+# Name of the source, its cloud, the target's; one of them is None while it is still awaited.
+Work = tuple[str, PointCloud2 | None, PointCloud2 | None]
 
 
 @dataclass(frozen=True)
@@ -50,6 +52,9 @@ class NodeConfig:
         max_pair_dt: clouds whose stamps differ by more than this are no pair, seconds.
         reliable: reliable subscriptions; they do not match best-effort publishers.
         on_demand: register a pair only when `~/trigger` is called.
+        heading_memory: seconds for which the heading of the last transform is where the next is
+            looked for first; all headings (`registrar.turns`) are searched when nothing is
+            accepted there. 0 always searches all.
         silence: a topic without a cloud for this long is a warning in the diagnostics, seconds.
         max_age: a transform this long after its stamp is a warning in the diagnostics, seconds.
         publish_tf: broadcast the transform on /tf too. The source's frame must have no other
@@ -65,6 +70,7 @@ class NodeConfig:
     max_pair_dt: float = 0.1
     reliable: bool = False
     on_demand: bool = False
+    heading_memory: float = 5.0
     silence: float = 2.0
     max_age: float = 5.0
     publish_tf: bool = False
@@ -86,7 +92,8 @@ class NodeConfig:
             )
 
 
-LIVE = ('max_pair_dt', 'on_demand', 'silence', 'max_age')  # and the registrar's, but the network's
+# Parameters that may change at any time, and the registrar's but the network's.
+LIVE = ('max_pair_dt', 'on_demand', 'heading_memory', 'silence', 'max_age')
 NETWORK = ('registrar.weights', 'registrar.precision')
 
 
@@ -98,7 +105,7 @@ class RegistrarNode(ConfiguredNode[NodeConfig]):
         self._exchange: Exchange | None = None
         self._links: dict[str, Link] = {}
         self._pairings: Pairings[PointCloud2] | None = None
-        self._worker: Worker[Pair] | None = None
+        self._worker: Worker[Work] | None = None
         self._inputs: list[Any] = []
         self._answers = Answers()
         self.create_service(Trigger, '~/trigger', self._trigger)
@@ -121,7 +128,7 @@ class RegistrarNode(ConfiguredNode[NodeConfig]):
         names = config.sources
         self._pairings = Pairings(names, config.max_pair_dt, on_demand=config.on_demand)
         for name, link in self._links.items():
-            link.begin(self._pairings.of[name], config.motion)
+            link.begin(self._pairings.of[name], config.motion, config.heading_memory)
         self._worker = Worker(
             self._pairings.take, self._register, self._left_out, self._pairings.close
         )
@@ -151,6 +158,8 @@ class RegistrarNode(ConfiguredNode[NodeConfig]):
         """Let go of the network and the publishers."""
         for link in self._links.values():
             link.destroy()
+        if self._exchange is not None:
+            self._exchange.close()
         self._links, self._exchange = {}, None
 
     def live(self, name: str) -> bool:
@@ -162,6 +171,8 @@ class RegistrarNode(ConfiguredNode[NodeConfig]):
         self._exchange.registrar.config = config.registrar
         for pairing in self._pairings.of.values() if self._pairings else ():
             pairing.max_dt, pairing.on_demand = config.max_pair_dt, config.on_demand
+        for link in self._links.values():
+            link.heading.memory = config.heading_memory
 
     def _receive_source(self, name: str, message: PointCloud2) -> None:
         self._links[name].heard('source', message)
@@ -172,17 +183,20 @@ class RegistrarNode(ConfiguredNode[NodeConfig]):
             link.heard('target', message)
         self._pairings.add_target(seconds(message.header.stamp), message)
 
-    def _register(self, pair: Pair) -> None:
-        name, source, target = pair
-        result = self._links[name].register(
-            self._exchange, source, target, wanted=lambda: not self._worker.stopping
-        )
+    def _register(self, work: Work) -> None:
+        name, source, target = work
+        link, exchange = self._links[name], self._exchange
+        if source is None or target is None:
+            side: Side = 'target' if source is None else 'source'
+            link.prepare(exchange, side, target if source is None else source)
+            return
+        result = link.register(exchange, source, target, wanted=lambda: not self._worker.stopping)
         if result is not None:
             self._answers.outcome(name, result.accepted, describe(result))
             self.get_logger().info(f'{name}: {describe(result)}, {result.ms["total"]:.0f} ms')
 
-    def _left_out(self, pair: Pair, reason: str) -> None:
-        name = pair[0]
+    def _left_out(self, work: Work, reason: str) -> None:
+        name = work[0]
         self._links[name].health.failed(reason)
         self._answers.outcome(name, False, f'pair left out: {reason}')
         self.get_logger().error(f'{name}: pair left out: {reason}')

@@ -140,6 +140,17 @@ class Tracking:
             result, T_target_source=together.T_target_source, covariance=together.covariance
         )
 
+    @property
+    def heading(self) -> float | None:
+        """Yaw of the relative pose, radians; None unless a registration agreed with it lately."""
+        with self._lock:
+            estimate = self._filter.estimate
+            if estimate is None:
+                return None
+            if estimate.stamp - self._filter.confirmed > self._config.max_coast:
+                return None
+            return se3.yaw(estimate.T_target_source)
+
     def deskewed(self, side: Side, message: Any) -> PointCloud | None:
         """Undo the vehicle's motion during a scan; None where that cannot be done."""
         with self._lock:
