@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: install demo test lint type bench-engine clean
+.PHONY: install demo test lint type bench-engine bench-age clean
 
 install: $(VENV)/installed
 
@@ -31,6 +31,10 @@ bench-engine: install
 	test -d build/spconv || $(BIN)/pip install -q --disable-pip-version-check --no-deps \
 		--target build/spconv spconv cumm pccm ccimport pybind11 fire termcolor lark portalocker ninja
 	PYTHONPATH=build/spconv $(BIN)/python -m gcl_core.bench.engine --out bench/engine.json
+
+# Likewise; MINUTES=30 for the memory of a long run.
+bench-age: install
+	$(BIN)/python -m gcl_ros.bench_age --out build/age --minutes $(or $(MINUTES),1)
 
 clean:
 	rm -rf $(VENV) build install log *.egg-info

@@ -161,6 +161,7 @@ class Link:
         now, about = time.monotonic(), '' if self.name == SINGLE else self.name
         level, message = self.health.judge(now, limits, self.pairing.offset())
         figures = {'state': state, **self.health.figures(now, self.pairing.counts)}
+        figures['clouds waiting'] = str(self.pairing.waiting)
         if self._tracking is not None:
             figures |= self._tracking.figures()
         return Report(level, message, figures, about)

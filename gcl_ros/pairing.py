@@ -131,6 +131,13 @@ class Pairing(Generic[M]):
             return self._last['source'] - self._last['target']
 
     @property
+    def waiting(self) -> int:
+        """How many messages wait for a partner or to be taken."""
+        with self._ready:
+            alone = sum(len(side) for side in self._waiting.values())
+            return alone + 2 * (self._newest is not None)
+
+    @property
     def has_pair(self) -> bool:
         """Whether there is a pair to ask for."""
         with self._ready:
