@@ -51,12 +51,12 @@ class Rig:
     def _diagnosed(self, message) -> None:
         self.status = message.status[0]
 
-    def add(self, kind, *, start=True, **parameters):
+    def add(self, kind, *, start=True, cli_args=None, **parameters):
         """Start a node of this kind; `__` in a parameter's name stands for a dot."""
         overrides = [
             Parameter(name.replace('__', '.'), value=value) for name, value in parameters.items()
         ]
-        node = kind(context=self.context, parameter_overrides=overrides)
+        node = kind(context=self.context, parameter_overrides=overrides, cli_args=cli_args)
         self._nodes.append(node)
         if start:
             node.start()
