@@ -30,6 +30,21 @@ def test_the_file_holds_every_parameter_and_its_default(name, config):
     assert dotted(content['/**']['ros__parameters']) == flatten(config)
 
 
+@pytest.mark.parametrize('name', ['registrar', 'describer'])
+def test_a_comment_stands_over_every_parameter(name):
+    """Over each, or over the first of some that it explains together."""
+    lines = (ROOT / 'config' / f'{name}.yaml').read_text().splitlines()
+    under_comment = False
+    for line in lines[lines.index('  ros__parameters:') + 1 :]:
+        text = line.strip()
+        if text.startswith('#'):
+            under_comment = True
+        elif text.endswith(':'):  # a group of parameters
+            under_comment = False
+        else:
+            assert under_comment, f'{line} has no comment'
+
+
 def test_the_rviz_view_shows_what_the_node_publishes():
     view = yaml.safe_load((ROOT / 'rviz' / 'registrar.rviz').read_text())['Visualization Manager']
     topics = {d['Topic']['Value'] for d in view['Displays'] if 'Topic' in d}

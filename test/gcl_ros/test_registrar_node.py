@@ -113,17 +113,17 @@ def test_stamps_that_jump_back_and_clocks_that_differ(rig, meeting):
 
 
 def test_malformed_clouds_do_no_harm(rig, meeting, malformed):
-    """Two hundred of them, paired; nothing is published, and the next good pair comes out."""
+    """A thousand of them, paired; nothing is published, and the next good pair comes out."""
     node = rig.add(RegistrarNode, **FAST, reliable=True)
     rig.publish_clouds()
     transforms = rig.listen(TransformStamped, '/registrar/transform')
     assert rig.until(lambda: rig.publishers['source'].get_subscription_count())
-    for seed in range(200):
+    for seed in range(1000):
         if seed % 2:
             rig.send(source=malformed(seed), target=meeting[1][:2000])
         else:
             rig.send(source=malformed(seed), target=malformed(seed + 1))
-        if seed % 20 == 0:
+        if seed % 50 == 0:
             rig.until(lambda: False, patience=0.1)
     assert rig.until(lambda: rig.status and rig.status.level == ERROR)
     assert int(rig.figures()['left out']) > 0
