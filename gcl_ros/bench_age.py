@@ -30,7 +30,7 @@ from gcl_ros.conversions import matrix, seconds
 from gcl_ros.session import local_dds, process
 from gcl_ros.usage import growth, usage
 
-READY = 120.0  # seconds that a loaded machine may take to start the node, and the streams
+READY = 300.0  # seconds that a loaded machine may take to start the node, and the streams
 IDLE = 10.0  # seconds without clouds in which the idle node is watched
 WARM_UP = 0.25  # of the time, before which memory does not count as growth
 COUNTS = (

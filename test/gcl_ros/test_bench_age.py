@@ -11,7 +11,7 @@ import pytest
 from gcl_core import se3
 from gcl_ros import bench_age
 from gcl_ros.bench_age import COUNTS, Record, summary
-from gcl_ros.bench_stream import make, messages, there_and_back
+from gcl_ros.bench_stream import messages, there_and_back
 from gcl_ros.conversions import point_cloud
 from gcl_ros.usage import growth, usage
 
@@ -70,35 +70,27 @@ def test_the_summary_counts_what_is_wrong():
     assert summary(recorded(wrong), truth, begin=100.0, rate=10.0)['wrong'] == 1
 
 
-@pytest.fixture(scope='module')
-def folder(tmp_path_factory):
-    """The simulated meeting."""
-    path = tmp_path_factory.mktemp('age')
-    make(path)
-    return path
-
-
-def test_the_meeting_is_as_large_as_a_real_one(folder):
-    truth = np.load(folder / 'truth.npy')
+def test_the_meeting_is_as_large_as_a_real_one(streams):
+    truth = np.load(streams / 'truth.npy')
     apart = np.linalg.norm(truth[:, :3, 3], axis=1)
     assert (apart[0], apart[-1]) == (pytest.approx(44, abs=2), pytest.approx(9, abs=2))
     for side in ('source', 'target'):
-        clouds = messages(folder, side)
+        clouds = messages(streams, side)
         assert len(clouds) == len(truth)
         assert all(110_000 < len(point_cloud(cloud)) < 130_000 for cloud in clouds)
         assert len(clouds[0].data) == 16 * clouds[0].width
 
 
-def test_it_runs(folder, monkeypatch):
+def test_it_runs(streams, monkeypatch):
     """Two streams into a registrar, each a process; ages are for a quiet machine to tell."""
     monkeypatch.setenv('ROS_DOMAIN_ID', str(random.randint(1, 100)))
     monkeypatch.setattr(bench_age, 'IDLE', 1.0)
-    found = bench_age.measure(folder, minutes=0.05, rate=2.0, offset=0.02, settings=[])
+    found = bench_age.measure(streams, minutes=0.05, rate=2.0, offset=0.02, settings=[])
     assert found['transforms'] > 0
     assert found['wrong'] == 0
     assert found['left out'] == 0
     assert found['most_clouds_waiting'] <= 20
     assert found['resident_mb']['first'] > 100
     for name in ('registrar_node', 'source', 'target'):
-        assert 'Traceback' not in (folder / f'{name}.log').read_text()
-    assert os.path.getsize(folder / 'registrar_node.log') > 0
+        assert 'Traceback' not in (streams / f'{name}.log').read_text()
+    assert os.path.getsize(streams / 'registrar_node.log') > 0
