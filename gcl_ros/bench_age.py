@@ -67,12 +67,12 @@ class Record:
 
 
 class Watcher(Node):
-    """Listens to the registrar."""
+    """Listens to the registrar of its namespace, which no other program has."""
 
-    def __init__(self, record: Record) -> None:
-        super().__init__('watcher')
+    def __init__(self, record: Record, namespace: str) -> None:
+        super().__init__('watcher', namespace=namespace)
         self.record = record
-        self.create_subscription(TransformStamped, '/registrar/transform', self._transform, 50)
+        self.create_subscription(TransformStamped, 'registrar/transform', self._transform, 50)
         self.create_subscription(DiagnosticArray, '/diagnostics', self._diagnosed, 10)
 
     def _transform(self, message: TransformStamped) -> None:
@@ -82,6 +82,8 @@ class Watcher(Node):
         self.record.estimated.append(matrix(message.transform))
 
     def _diagnosed(self, message: DiagnosticArray) -> None:
+        if message.status[0].name != f'{self.get_namespace()[1:]}/registrar':
+            return
         figures = {value.key: value.value for value in message.status[0].values}
         self.record.figures = figures
         if 'headings' in figures:
@@ -112,19 +114,19 @@ def measure(folder: Path, minutes: float, rate: float, offset: float, settings: 
     """
     make(folder)
     local_dds()
+    namespace = f'bench_{os.getpid()}'
+    ros = ['--ros-args', '-r', f'__ns:=/{namespace}']
     parameters = [part for setting in settings for part in ('-p', setting)]
     record, period = Record(), 1.0 if minutes <= 2 else 10.0
     with rclpy.init(), ExitStack() as running:
-        watcher = Watcher(record)
-        node = running.enter_context(
-            process('registrar_node', ['--ros-args', *parameters], folder)
-        )
+        watcher = Watcher(record, namespace)
+        node = running.enter_context(process('registrar_node', [*ros, *parameters], folder))
         idle = _idle(watcher, node.pid)
         record.watched.clear()
         begin = time.time()
         for side in SIDES:
             first = begin + (offset if side == 'target' else 0.0)
-            arguments = [side, str(folder), '--begin', repr(first), '--rate', str(rate)]
+            arguments = [side, str(folder), '--begin', repr(first), '--rate', str(rate), *ros]
             running.enter_context(process('bench_stream', arguments, folder, name=side))
         _first(watcher)
         watch(watcher, node.pid, 60 * minutes, period)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import math
 import signal
+import sys
 import threading
 import time
 from pathlib import Path
@@ -19,6 +20,7 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import remove_ros_args
 from sensor_msgs.msg import PointCloud2, PointField
 
 from gcl_core import se3
@@ -108,14 +110,14 @@ def main() -> None:
     parser.add_argument('folder', type=Path, help='with the scans')
     parser.add_argument('--begin', type=float, required=True, help='first stamp, system seconds')
     parser.add_argument('--rate', type=float, default=10.0, help='Hz')
-    o = parser.parse_args()
+    o = parser.parse_args(remove_ros_args(sys.argv)[1:])
     stop = threading.Event()
     for signal_number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(signal_number, lambda *_: stop.set())
     qos = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-    with rclpy.init(signal_handler_options=SignalHandlerOptions.NO):
+    with rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO):
         node = Node(f'{o.side}_driver')
-        publisher = node.create_publisher(PointCloud2, f'/{o.side}/points', qos)
+        publisher = node.create_publisher(PointCloud2, f'{o.side}/points', qos)
         stream(publisher, messages(o.folder, o.side), o.begin, o.rate, stop)
         node.destroy_node()
 

@@ -178,14 +178,16 @@ def test_drivers_are_killed_and_come_back(rig, streams, environment, tmp_path):
         command += ['--begin', '1000', '--rate', '2']
         return running(command, environment, tmp_path / side)
 
+    def alone():
+        return rig.says('source/points silent') and not rig.says('target/points silent')
+
     with driver('target'):
         for _ in range(2):
             transforms.clear()
             with driver('source') as source:
                 assert rig.until(lambda: transforms), rig.status
                 source.kill()
-            silent = lambda side: rig.says(f'{side}/points silent')  # noqa: E731
-            assert rig.until(lambda: silent('source') and not silent('target')), rig.status
+            assert rig.until(alone), rig.status
 
 
 def test_replay_of_a_missing_bag_exits_with_two(environment, tmp_path):
