@@ -61,6 +61,26 @@ def test_diagnostics_carry_every_figure(rig, meeting):
     assert wanted <= set(figures)
 
 
+def test_the_heading_is_searched_for_once(rig, meeting):
+    """All headings for the first pair and after a reset, one in between; always the truth."""
+    turn = se3.from_xyz_rpy(yaw=2.0)
+    source, target, T = se3.transform(turn, meeting[0]), meeting[1], meeting[2] @ se3.inverse(turn)
+    rig.add(RegistrarNode, registrar__turns=4, on_demand=True)
+    rig.publish_clouds()
+    transforms = rig.listen(TransformStamped, '/registrar/transform')
+    send = lambda: rig.send(source=source, target=target)  # noqa: E731
+    assert rig.until(lambda: rig.figures().get('pairs', '0') != '0', every=send)
+    for number, headings in enumerate(('4', '1', '4'), start=1):
+        if number == 3:
+            assert rig.trigger('reset').success
+            assert rig.until(lambda: rig.figures()['pairs'] == '0')
+            assert rig.until(lambda: rig.figures()['pairs'] != '0', every=send)
+        assert rig.trigger('trigger').success
+        assert rig.until(lambda n=number: len(transforms) == n)
+        assert right(transforms[-1], T)
+        assert rig.until(lambda h=headings: rig.figures().get('headings') == h)
+
+
 def test_what_is_withheld_is_not_published_and_said(rig, meeting):
     node = rig.add(RegistrarNode, **FAST, registrar__min_probability=1.0)
     rig.publish_clouds()
