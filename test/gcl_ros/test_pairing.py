@@ -1,5 +1,7 @@
 import threading
 
+import pytest
+
 from gcl_ros.pairing import Pairing
 
 
@@ -23,6 +25,34 @@ def test_stamps_too_far_apart_make_no_pair():
     pairing.add('source', 1.0, 's')
     pairing.add('target', 1.06, 't')
     assert take_now(pairing) is None
+
+
+def pairs_of(*, offset, lost=()):
+    """(source, target) stamps of the pairs that come of two streams of 10 Hz, taken at once."""
+    pairing, found = Pairing(max_dt=0.1), []
+    arrivals = [(k / 10, 'target') for k in range(20) if k not in lost]
+    arrivals += [(k / 10 + offset, 'source') for k in range(20)]
+    for stamp, side in sorted(arrivals):
+        pairing.add(side, stamp, stamp)
+        if pair := take_now(pairing):
+            found.append(pair)
+    return found
+
+
+@pytest.mark.parametrize(
+    ('offset', 'apart'), [(0.01, 0.01), (0.04, 0.04), (0.06, 0.04), (0.09, 0.01)]
+)
+def test_streams_out_of_step_pair_with_the_nearest(offset, apart):
+    found = pairs_of(offset=offset)
+    assert len(found) >= 18
+    for source, target in found[2:]:  # the rhythm shows from the second on
+        assert abs(source - target) == pytest.approx(apart)
+
+
+def test_a_lost_message_costs_its_own_pair_only():
+    found = pairs_of(offset=0.09, lost=(10,))
+    assert len(found) >= 17
+    assert all(abs(source - target) == pytest.approx(0.01) for source, target in found[2:])
 
 
 def test_newest_pair_replaces_the_one_that_waits():
