@@ -14,7 +14,8 @@ import numpy as np
 from gcl_core import se3
 from gcl_core.evaluation import metrics
 from gcl_core.evaluation.predict import Prediction
-from gcl_core.evaluation.score import markdown, score
+from gcl_core.evaluation.score import score
+from gcl_core.evaluation.tables import markdown
 
 
 def write_report(

@@ -3,27 +3,24 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator
-from dataclasses import replace
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from typing import Any, cast
 
 import numpy as np
 import torch
 
-from gcl_core.data.pairs import Pair
-from gcl_core.data.sequence import Sequence
 from gcl_core.estimation.estimators import estimate
 from gcl_core.estimation.hypothesis import Hypothesis
 from gcl_core.estimation.refine import prepare, refine
 from gcl_core.evaluation.peers import fpfh_features
-from gcl_core.evaluation.predict import Prediction, turned_pairs
+from gcl_core.evaluation.predict import Outcome
 from gcl_core.matching.match import MatchConfig, match
 from gcl_core.registrar import Registrar, RegistrarConfig, max_heading
 from gcl_core.types import Features, PointCloud
 
 PAPER = 'paper'  # Open3D's RANSAC on the paper's matches: one-way, 5,000 random key points
 PAPER_MATCHES = MatchConfig(kind='one_way', keypoints=5000, spread=False)
-FEATURES = ('ours', 'fpfh')
 
 
 def settings(config: RegistrarConfig, estimator: str) -> RegistrarConfig:
@@ -48,38 +45,41 @@ def best_hypothesis(
     return max(found, key=lambda h: h.score, default=None)
 
 
-def compare(
-    registrar: Registrar,
-    estimators: list[str],
-    features: list[str],
-    sequence: Sequence,
-    pairs: Iterable[Pair],
-    *,
-    random_yaw_seed: int | None = None,
-) -> Iterator[Prediction]:
-    """Run every estimator on both kinds of features of every pair.
+@dataclass(frozen=True)
+class Comparison:
+    """Runs every estimator on every kind of features of a pair; a `predict.Contestant`.
 
     The transform is the one of most support, refined by GICP and given whatever its probability.
     Times are those of matching and estimation.
+
+    Attributes:
+        registrar: describes, and gives the settings.
+        estimators: names.
+        features: `ours`, `fpfh` or both.
     """
-    for p in turned_pairs(sequence, pairs, random_yaw_seed):
+
+    registrar: Registrar
+    estimators: tuple[str, ...]
+    features: tuple[str, ...]
+
+    def __call__(self, source: PointCloud, target: PointCloud) -> Iterator[Outcome]:
+        """Yield an outcome for each kind of features and each estimator."""
+        config = self.registrar.config
         prepared = {
-            'source': prepare(p.source, registrar.config.refine),
-            'target': prepare(p.target, registrar.config.refine),
+            'source': prepare(source, config.refine),
+            'target': prepare(target, config.refine),
         }
-        for kind in features:
-            described = _describe(registrar, kind, p.source, p.target)
-            for name in estimators:
+        for kind in self.features:
+            described = _describe(self.registrar, kind, source, target)
+            for name in self.estimators:
                 began = time.perf_counter()
-                best = best_hypothesis(*described, settings(registrar.config, name))
+                best = best_hypothesis(*described, settings(config, name))
                 seconds = time.perf_counter() - began
                 T = None
                 if best is not None:
                     start = best.T_target_source.numpy()
-                    refined = refine(start, **prepared, config=registrar.config.refine)
-                    T = refined.T_target_source
-                label = f'{kind} + {name}'
-                yield Prediction(label, sequence.name, p.pair, p.turned, p.T_true, T, seconds)
+                    T = refine(start, **prepared, config=config.refine).T_target_source
+                yield Outcome(f'{kind} + {name}', T, seconds)
 
 
 def _describe(

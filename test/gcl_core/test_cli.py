@@ -68,14 +68,14 @@ def test_weights_that_do_not_exist_exit_with_two(pair, capsys):
 
 def test_evaluate_prints_a_table(tmp_path, pair, capsys):
     code = main(
-        ['evaluate', '--simulated', '3', '--per-bin', '1', '--config', str(pair / 'fast.yaml')]
-        + ['--out', str(tmp_path / 'result.json')]
+        ['evaluate', '--simulated', '3', '--per-bin', '1', '--registrar', str(pair / 'fast.yaml')]
+        + ['--out', str(tmp_path)]
     )
     assert code == 0
     assert '| GCL-ROS | 5–10 | 1 |' in capsys.readouterr().out
-    result = json.loads((tmp_path / 'result.json').read_text())
-    assert len(result['predictions']) == 5
-    assert result['config']['turns'] == 1
+    result = json.loads((tmp_path / 'results.json').read_text())
+    assert [row['pairs'] for row in result['rows']] == [1] * 5
+    assert result['config']['methods'][0]['registrar']['turns'] == 1
 
 
 @pytest.fixture(scope='module')
@@ -101,14 +101,16 @@ def test_evaluate_on_a_list_names_it_and_its_hash(tmp_path, pair, folder, capsys
     short = read_pair_list(tmp_path / 'one.txt')
     code = main(
         ['evaluate', '--data', str(folder), '--pairs', str(tmp_path / 'one.txt')]
-        + ['--config', str(pair / 'fast.yaml'), '--out', str(tmp_path / 'result.json')]
+        + ['--registrar', str(pair / 'fast.yaml'), '--out', str(tmp_path / 'out')]
     )
     assert code == 0
     assert f'one, 1 pairs, sha256 {short.sha256[:12]}' in capsys.readouterr().out
-    result = json.loads((tmp_path / 'result.json').read_text())
-    assert result['pairs'] == {'name': 'one', 'count': 1, 'sha256': short.sha256}
+    result = json.loads((tmp_path / 'out/results.json').read_text())
+    listed = {'dataset': 'one', 'name': 'one', 'count': 1, 'sha256': short.sha256}
+    assert result['pairs'] == [listed]
     assert result['sequences'] == ['folder/a']
-    predicted = [(p['pair']['source'], p['pair']['target']) for p in result['predictions']]
+    lines = (tmp_path / 'out/predictions-0.jsonl').read_text().splitlines()
+    predicted = [(p['pair']['source'], p['pair']['target']) for p in map(json.loads, lines)]
     assert predicted == [(p.source, p.target) for p in short.pairs]
 
 
@@ -141,7 +143,7 @@ def test_lists_of_other_drives_are_refused(tmp_path, folder, capsys):
 
 def test_evaluate_compares_estimators(pair, capsys):
     code = main(
-        ['evaluate', '--simulated', '3', '--per-bin', '1', '--config', str(pair / 'fast.yaml')]
+        ['evaluate', '--simulated', '3', '--per-bin', '1', '--registrar', str(pair / 'fast.yaml')]
         + ['--estimators', 'ransac', 'spatial_consistency', '--features', 'ours']
     )
     assert code == 0
