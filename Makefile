@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: install demo test lint type bench-engine clean
+.PHONY: install browser demo test lint type bench bench-engine clean
 
 install: $(VENV)/installed
 
@@ -17,14 +17,23 @@ $(VENV)/installed: setup.py constraints.txt
 demo: install
 	$(BIN)/python -m gcl_ros.demo --out build/demo
 
-test: install
+test: install browser
 	$(BIN)/python -m pytest
+
+browser:  # the report is opened in it
+	sh .ci/debian-packages test
 
 lint: install
 	$(BIN)/ruff check . && $(BIN)/ruff format --check .
 
 type: install
 	$(BIN)/mypy gcl_core
+
+# Run it when nothing else runs: make bench DATA=folder of recorded drives in KITTI's layout.
+bench: install
+	test -d build/kiss || $(BIN)/pip install -q --disable-pip-version-check --no-deps \
+		--target build/kiss kiss-matcher
+	PYTHONPATH=build/kiss $(BIN)/python -m gcl_core.bench.results $(if $(DATA),--data $(DATA))
 
 # Run it when nothing else runs.  spconv goes to a folder of its own, for this comparison only.
 bench-engine: install

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import types
 import typing
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -16,8 +16,13 @@ from gcl_core.errors import GclError
 T = TypeVar('T')
 
 
-def load_config(kind: type[T], path: Path) -> T:
+def load_config(kind: type[T], path: Path, settings: Sequence[str] = ()) -> T:
     """Read a YAML file into `kind`; keys left out keep their defaults.
+
+    Args:
+        kind: dataclass.
+        path: YAML file.
+        settings: `KEY.KEY=VALUE` each, taken instead of what the file says; the value is YAML.
 
     Raises:
         GclError: the file is missing or no YAML, a key is unknown, or a value has the wrong type.
@@ -28,7 +33,24 @@ def load_config(kind: type[T], path: Path) -> T:
         raise GclError(f'cannot read config {path}: {error.strerror}') from None
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise GclError(f'{path} is not valid YAML: {error}') from None
-    return from_mapping(kind, content or {}, str(path))
+    content = content or {}
+    for setting in settings:
+        _set(content, setting)
+    return from_mapping(kind, content, str(path))
+
+
+def _set(content: Any, setting: str) -> None:
+    """Put one `KEY.KEY=VALUE` into nested mappings."""
+    keys, equals, value = setting.partition('=')
+    *outer, last = keys.split('.')
+    for key in outer:
+        content = content.setdefault(key, {}) if isinstance(content, dict) else None
+    if not equals or not isinstance(content, dict):
+        raise GclError(f'{setting!r} sets nothing; expected KEY.KEY=VALUE')
+    try:
+        content[last] = yaml.safe_load(value)
+    except yaml.YAMLError as error:
+        raise GclError(f'{setting!r}: {value!r} is not valid YAML: {error}') from None
 
 
 def from_mapping(kind: type[T], values: Any, where: str) -> T:

@@ -44,7 +44,7 @@ def add_parser(commands: Any) -> None:
         epilog='Examples: gcl evaluate --config config/bench_kitti.yaml --data DIR --out out; '
         'gcl evaluate --data DIR --sequence 08 --peers fpfh --random-yaw',
     )
-    add_source(parser, required=False)
+    add_source(parser, required=False, several=True)
     parser.add_argument('--config', type=Path, help='YAML of BenchmarkConfig')
     parser.add_argument('--out', type=Path, help='folder: predictions, results, report.html')
     parser.add_argument('--pairs', type=Path, help='list of pairs, as `gcl pairs` writes it')
@@ -124,7 +124,7 @@ def _source(options: argparse.Namespace, source: SourceConfig) -> SourceConfig:
     if options.data:
         source = replace(source, data=str(options.data), simulated=())
     if options.sequence:
-        source = replace(source, sequences=(options.sequence,))
+        source = replace(source, sequences=tuple(options.sequence))
     return replace(source, layout=options.format or source.layout)
 
 

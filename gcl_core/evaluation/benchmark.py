@@ -73,21 +73,32 @@ class Ours:
 
     Attributes:
         name: in results.
-        registrar: its settings, weights among them; what it does not accept counts as not found.
-        trained_by: recipe of the weights, for the message when they are missing.
+        registrar: its settings, weights among them.
+        give: `accepted` withholds what the registrar does not accept; `best` gives the best
+            hypothesis whatever its probability, as the paper does; both, from one run, are two
+            rows in results.
+        trained_by: recipe of the weights and its settings, `config/x.yaml --set KEY=VALUE`, for
+            the message when they are missing.
         voxel_size: of the network, instead of the one that it was trained with, metres.
     """
 
     kind: Literal['ours'] = 'ours'
     name: str = 'GCL-ROS'
     registrar: RegistrarConfig = field(default_factory=RegistrarConfig)
+    give: tuple[Literal['accepted', 'best'], ...] = ('accepted',)
     trained_by: str = ''
     voxel_size: float | None = None
 
     @property
     def estimators(self) -> dict[str, str]:
         """Estimator of each name in results."""
-        return {self.name: self.registrar.estimator.name}
+        return dict.fromkeys(self.labels.values(), self.registrar.estimator.name)
+
+    @property
+    def labels(self) -> dict[str, str]:
+        """Name in results of each kind of answer given."""
+        best = f'{self.name}, nothing withheld' if len(self.give) > 1 else self.name
+        return {kind: best if kind == 'best' else self.name for kind in self.give}
 
 
 @dataclass(frozen=True)

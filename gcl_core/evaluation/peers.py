@@ -113,7 +113,8 @@ def _kiss_matcher() -> Method:
 
     def register(source: PointCloud, target: PointCloud) -> Float[np.ndarray, '4 4'] | None:
         matcher = kiss.KISSMatcher(kiss.KISSMatcherConfig(voxel_size=FPFH_VOXEL))
-        solution = matcher.estimate(source.points[:, :, None], target.points[:, :, None])
+        columns = [list(cloud.points[:, :, None]) for cloud in (source, target)]
+        solution = matcher.estimate(*columns)
         T = se3.from_rotation_translation(
             np.asarray(solution.rotation), np.asarray(solution.translation)
         )

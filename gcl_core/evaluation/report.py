@@ -84,7 +84,9 @@ def gather(run: Run, predictions: Sequence[Prediction]) -> Results:
     drawings = list(_plots(rows, shown))
     figures = _figures(run)
     for figure in figures:
-        drawings.append(Drawing(f'{figure["caption"]} {figure["published"]}', figure.pop('svg')))
+        svg_ = figure.pop('svg')
+        caption = f'{figure["method"]}. {figure["caption"]} {figure["published"]}'
+        drawings.append(Drawing(caption, svg_[svg_.index('<svg') :]))
         tables += [_figure_table(figure)] if figure['rows'] else []
     return Results(rows, breakdowns, tables, drawings, figures, shown, _facts(run))
 
