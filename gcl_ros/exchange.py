@@ -22,7 +22,7 @@ from gcl_core import se3
 from gcl_core.errors import GclError
 from gcl_core.estimation.refine import prepare
 from gcl_core.estimation.surface import surface
-from gcl_core.matching.match import match
+from gcl_core.evaluation.agreement import agreeing
 from gcl_core.registrar import Registrar, RegistrarConfig, Stopwatch, View
 from gcl_core.types import Correspondences, Features, PointCloud, Registration
 from gcl_ros.conversions import point_cloud
@@ -142,31 +142,20 @@ class Exchange:
             prepared=prepare(scan.cloud, config.refine),
         )
 
-    def agreeing(self, registered: Registered, reach: float = 1.0) -> Correspondences:
-        """Matches that agree with the transform within `reach` metres, in the scans' own frames.
-
-        They are found anew at the heading nearest to the transform's.
-        """
+    def agreeing(self, registered: Registered) -> Correspondences:
+        """Matches that agree with the transform within a metre, in the scans' own frames."""
         T = registered.result.T_target_source
         if T is None:
             raise GclError('no transform to agree with')
-        T_still_turned = se3.inverse(T) if registered.swapped else T
-        off = [
-            abs(se3.yaw(T_still_turned @ se3.inverse(t.numpy()))) for t in registered.source.turns
-        ]
-        at = int(np.argmin(off))
-        matches = match(
-            source=registered.source.headings[at],
-            target=registered.target.headings[0],
+        found = agreeing(
+            se3.inverse(T) if registered.swapped else T,
+            source=registered.source,
+            target=registered.target,
             config=self.registrar.config.match,
         )
-        turn = registered.source.turns[at].numpy()
-        own = se3.transform(se3.inverse(turn), matches.source.double().numpy())
-        other = matches.target.double().numpy()
-        close = np.linalg.norm(se3.transform(T_still_turned, own) - other, axis=1) < reach
-        ends = [torch.from_numpy(points[close]) for points in (own, other)]
-        source, target = reversed(ends) if registered.swapped else ends
-        return Correspondences(source, target, matches.weight[torch.from_numpy(close)])
+        if not registered.swapped:
+            return found
+        return Correspondences(found.target, found.source, found.weight)
 
 
 def inverted(result: Registration) -> Registration:

@@ -72,7 +72,7 @@ def _whole(path: Path) -> list[str]:
 def merged(lines: Iterable[str], methods: Iterable[str]) -> list[Prediction]:
     """Predictions in order of pairs, then of methods; each once."""
     place = {name: i for i, name in enumerate(methods)}
-    found = {}
+    found: dict[tuple[int, int], Prediction] = {}
     for prediction in map(from_line, lines):
         found.setdefault((prediction.task, place[prediction.method]), prediction)
     return [found[key] for key in sorted(found)]

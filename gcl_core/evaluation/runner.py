@@ -81,9 +81,8 @@ class Run:
         held = json.loads(path.read_text())
         advice = 'take another --out, or remove the folder to start afresh'
         if held['config_sha256'] != decided:
-            raise GclError(
-                f'{self.folder} holds predictions of {_differing(held, self)}; {advice}'
-            )
+            differing = _differing(held['config'], self.config)
+            raise GclError(f'{self.folder} holds predictions of {differing}; {advice}')
         if all(pairs.kind != 'low_overlap' for pairs in self.config.pairs):  # slow to draw again
             found = digest(draw(self.config, self.sequences))
             if held['pairs_sha256'] != found:

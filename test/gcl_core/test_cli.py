@@ -1,6 +1,7 @@
 """Every subcommand on small data."""
 
 import json
+from importlib.util import find_spec
 
 import numpy as np
 import pytest
@@ -40,6 +41,18 @@ def test_register_prints_one_json_object_and_writes_files(pair, drive, capsys):
     assert (pair / 'pair.png').stat().st_size > 10_000
 
 
+def test_register_records_or_names_the_package(pair, tmp_path, capsys):
+    files = [str(pair / 'source.ply'), str(pair / 'target.bin')]
+    arguments = [*files, '--config', str(pair / 'fast.yaml'), '--rerun', str(tmp_path / 'a.rrd')]
+    code = main(['register', *arguments])
+    if find_spec('rerun') is None:
+        assert code == 2
+        assert "pip install 'gcl_ros[rerun]'" in capsys.readouterr().err
+        return
+    assert code == 0
+    assert (tmp_path / 'a.rrd').stat().st_size > 1_000_000
+
+
 @pytest.mark.parametrize(
     ('arguments', 'message'),
     [
@@ -47,6 +60,10 @@ def test_register_prints_one_json_object_and_writes_files(pair, drive, capsys):
         (['register', 'no.las', 'no.bin'], "unknown format '.las'"),
         (['train', '--config', 'no.yaml', '--out', 'x'], 'cannot read config no.yaml'),
         (['evaluate', '--data', 'nowhere'], 'no folder nowhere'),
+        (['evaluate'], 'names no data; give --data DIR or --simulated SEED'),
+        (['evaluate', '--simulated', '3', '--per-bin', '0'], '--per-bin is 0'),
+        (['evaluate', '--config', 'no.yaml'], 'cannot read config no.yaml'),
+        (['train', '--config', 'config/train_conv.yaml', '--set', 'a', '--out', 'x'], "'a' sets"),
         (['pairs', 'p', '--data', 'nowhere', '--fcgf'], 'no folder nowhere'),
         (['pairs', 'p', '--data', '.', '--random', '0'], '--random is 0'),
         (['bag', 'from-data', 'nowhere', 'b', '--pairs', '1'], 'no folder nowhere'),

@@ -2,11 +2,16 @@
 
 import json
 import shutil
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from gcl_core import se3
+from gcl_core.cli.main import main
+from gcl_core.config import load_config
 from gcl_core.data.clouds import write_cloud
 from gcl_core.data.eth import EthSequence
 from gcl_core.data.folder import FolderSequence
@@ -16,9 +21,15 @@ from gcl_core.data.nuscenes import read_logs
 from gcl_core.data.poses import read_poses
 from gcl_core.data.sequence import positions
 from gcl_core.errors import GclError
+from gcl_core.evaluation.benchmark import BenchmarkConfig
+from gcl_core.evaluation.contestants import check_weights
+from gcl_core.evaluation.published import published
+from gcl_core.registrar import RegistrarConfig
+from gcl_core.training.recipe import TrainConfig
 from gcl_core.types import PointCloud
 
 SCANS = (90, 92, 94)
+CONFIG = Path(__file__).parents[2] / 'config'
 
 
 def line(T):
@@ -375,3 +386,44 @@ def test_poses_of_another_width_are_named(tmp_path):
     (tmp_path / 'p.txt').write_text('0 0 0 0 0 0 1\n')
     with pytest.raises(GclError, match='expected 12 numbers a line, got 7'):
         read_poses(tmp_path / 'p.txt')
+
+
+# The benchmarks of the paper on their data sets' layouts
+
+
+@pytest.mark.parametrize(
+    ('name', 'layout', 'sequences'),
+    [
+        ('kitti', 'kitti', ['08-suma']),
+        ('lokitti', 'kitti', ['08-suma']),
+        ('nuscenes', 'nuscenes', None),
+        ('lonuscenes', 'nuscenes', None),
+    ],
+)
+def test_benchmarks_run_on_their_layout(request, tmp_path_factory, name, layout, sequences):
+    root, out = request.getfixturevalue(layout), tmp_path_factory.mktemp(name)
+    short = '08-suma' if sequences else 'n015-2018'
+    (out / 'list.txt').write_text(f'{short} 1 0\n')
+    content = yaml.safe_load((CONFIG / f'bench_{name}.yaml').read_text())
+    content['methods'] = [{'kind': 'peer', 'name': 'gicp'}]
+    (out / 'bench.yaml').write_text(yaml.safe_dump(content))
+    arguments = ['--config', str(out / 'bench.yaml'), '--data', str(root), '--out', str(out / 'o')]
+    arguments += ['--pairs', str(out / 'list.txt')]
+    arguments += ['--sequence', *sequences] if sequences else []
+    assert main(['evaluate', *arguments]) == 0
+    results = json.loads((out / 'o/results.json').read_text())
+    assert [row['strict'] for row in results['rows']] == [1]
+    assert [table['name'] for table in results['published']] == content.get('published', [])
+
+
+@pytest.mark.parametrize('path', sorted(CONFIG.glob('bench_*.yaml')), ids=lambda p: p.stem)
+def test_benchmarks_name_recipes_that_exist(path):
+    config = load_config(BenchmarkConfig, path)
+    assert [published(name).name for name in config.published] == list(config.published)
+    for method in config.methods:
+        if recipe := getattr(method, 'trained_by', ''):
+            file, *settings = recipe.split()
+            load_config(TrainConfig, CONFIG.parent / file, settings[1:])
+            assert settings[:1] in ([], ['--set'])
+            with pytest.raises(GclError, match=f'gcl train --config {file}'):
+                check_weights(replace(method, registrar=RegistrarConfig(weights='no.safetensors')))
