@@ -14,6 +14,7 @@ from gcl_core.errors import GclError
 from gcl_core.evaluation.benchmark import Ours
 from gcl_core.evaluation.cases import Case, case, worst
 from gcl_core.evaluation.contestants import registrar
+from gcl_core.evaluation.eth_recall import eth_recall
 from gcl_core.evaluation.page import Drawing, page
 from gcl_core.evaluation.plots import recall_over_distance, svg
 from gcl_core.evaluation.predict import Prediction
@@ -53,7 +54,7 @@ class Results:
 
 
 def write(run: Run, predictions: Sequence[Prediction], results: Results) -> None:
-    """Write the three files into the run's folder; scans are read again for the worst cases."""
+    """Write results and figures into the run's folder; the worst cases' scans are read again."""
     folder = run.folder
     (folder / 'results.json').write_text(json.dumps(_plain(_content(run, results)), indent=1))
     (folder / 'results.md').write_text(in_markdown(run.config.title, results))
@@ -65,6 +66,8 @@ def write(run: Run, predictions: Sequence[Prediction], results: Results) -> None
         [p.table for p in results.published],
     )
     (folder / 'report.html').write_text(page_)
+    for number, drawing in enumerate(results.drawings, 1):
+        (folder / f'figure_{number}.svg').write_text(drawing.svg)
 
 
 def gather(run: Run, predictions: Sequence[Prediction]) -> Results:
@@ -86,7 +89,8 @@ def gather(run: Run, predictions: Sequence[Prediction]) -> Results:
     for figure in figures:
         svg_ = figure.pop('svg')
         caption = f'{figure["method"]}. {figure["caption"]} {figure["published"]}'
-        drawings.append(Drawing(caption, svg_[svg_.index('<svg') :]))
+        if svg_:
+            drawings.append(Drawing(caption, svg_[svg_.index('<svg') :]))
         tables += [_figure_table(figure)] if figure['rows'] else []
     return Results(rows, breakdowns, tables, drawings, figures, shown, _facts(run))
 
@@ -117,19 +121,20 @@ def _plots(rows: list[Row], shown: list[Published]) -> Iterator[Drawing]:
 
 def _figures(run: Run) -> list[dict[str, Any]]:
     """Draw the analysis figures with every one of our methods."""
-    if not run.config.figures:
-        return []
-    known = importlib.import_module('gcl_core.evaluation.figures').FIGURES
+    known = {'eth_recall': eth_recall}
+    if {*run.config.figures} - {*known}:
+        known |= importlib.import_module('gcl_core.evaluation.figures').FIGURES
     for name in run.config.figures:
         if name not in known:
             raise GclError(f'no figure {name!r}; there are {", ".join(known)}')
+    ours = [method for method in run.config.methods if isinstance(method, Ours)]
     found = []
-    for method in run.config.methods:
-        if isinstance(method, Ours):
-            made = registrar(method)
-            for name in run.config.figures:
-                result = asdict(known[name](made, run.sequences, seed=run.config.seed))
-                found.append({**result, 'method': method.name})
+    for method in ours if run.config.figures else ():
+        made = registrar(method)
+        for name in run.config.figures:
+            result = known[name](made, run.sequences, seed=run.config.seed)
+            values = result if isinstance(result, dict) else asdict(result)
+            found.append({**values, 'method': method.name})
     return found
 
 
@@ -139,7 +144,8 @@ def _figure_table(figure: dict[str, Any]) -> Table:
         tuple(f'{v:.4g}' if isinstance(v := row.get(k, ''), float) else str(v) for k in head)
         for row in figure['rows']
     ]
-    return Table(f'{figure["name"]}, {figure["method"]}', head, cells, figure['published'])
+    note = f'{figure["caption"]} {figure["published"]}'
+    return Table(f'{figure["name"]}, {figure["method"]}', head, cells, note)
 
 
 def _cases(run: Run, predictions: Sequence[Prediction]) -> Iterator[Case]:

@@ -6,9 +6,11 @@ import hashlib
 import json
 from collections.abc import Iterator
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from tqdm import tqdm
 
 from gcl_core.data.overlap import overlap
@@ -19,7 +21,13 @@ from gcl_core.evaluation.benchmark import BenchmarkConfig, Estimators, MethodCon
 from gcl_core.evaluation.contestants import check_weights, ready
 from gcl_core.evaluation.memory import weighed
 from gcl_core.evaluation.plan import Drawn, Task, digest, draw, open_source, sensor, tasks
-from gcl_core.evaluation.predict import Contestant, Prediction, TurnedPair, turned_pair
+from gcl_core.evaluation.predict import (
+    Contestant,
+    Outcome,
+    Prediction,
+    TurnedPair,
+    turned_pair,
+)
 from gcl_core.evaluation.records import from_line, mend, merged, read_lines, to_line
 from gcl_core.models import zoo
 from gcl_core.training.distributed import Processes
@@ -135,19 +143,15 @@ class Run:
             if not {*missing} & {*method.estimators}:
                 continue
             outcomes = contestant(pair.source, pair.target)
+            peak = float('nan')
             for _ in method.estimators:
-                outcome, peak = (
-                    weighed(lambda o=outcomes: next(o)) if task.weighed else (next(outcomes), None)
-                )
+                if task.weighed:
+                    outcome, grown = weighed(partial(next, outcomes))
+                    peak = float(np.fmax(peak, grown))  # a later answer may cost nothing more
+                else:
+                    outcome = next(outcomes)
                 if outcome.method in missing:
-                    yield Prediction(
-                        method=outcome.method,
-                        T_estimated=outcome.T_target_source,
-                        seconds=outcome.seconds,
-                        ms=outcome.ms,
-                        peak_mb=float('nan') if peak is None else peak,
-                        **known,
-                    )
+                    yield _prediction(outcome, peak, known)
 
     def _known(self, task: Task, pair: TurnedPair) -> dict[str, Any]:
         """What a prediction says of its pair."""
@@ -165,6 +169,17 @@ class Run:
             'overlap': float('nan') if share is None else share,
             'sensors': ' to '.join(seen) if all(seen) else '',
         }
+
+
+def _prediction(outcome: Outcome, peak: float, known: dict[str, Any]) -> Prediction:
+    return Prediction(
+        method=outcome.method,
+        T_estimated=outcome.T_target_source,
+        seconds=outcome.seconds,
+        ms=outcome.ms,
+        peak_mb=peak,
+        **known,
+    )
 
 
 def fingerprint(config: BenchmarkConfig) -> str:

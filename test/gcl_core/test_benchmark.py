@@ -8,6 +8,7 @@ import sys
 import numpy as np
 import pytest
 
+from gcl_core.bench import results as bench
 from gcl_core.cli.main import main
 from gcl_core.config import load_config
 from gcl_core.data.clouds import write_cloud
@@ -170,3 +171,29 @@ def test_vehicles_that_meet_make_pairs_of_both_sensors(tmp_path):
     assert all(set(p.sensors.split(' to ')) <= names for p in predictions)
     assert all(0 < p.overlap < 1 for p in predictions)
     assert np.ptp([p.pair.distance for p in predictions]) > 30
+
+
+def test_the_results_of_make_bench(data, tmp_path, monkeypatch, capsys):
+    text = (data / 'bench.yaml').read_text()
+    more = 'methods: [{kind: peer, name: gicp}, {kind: peer, name: fpfh}]'
+    text = text.replace('methods: [{kind: peer, name: gicp}]', more)
+    (tmp_path / 'bench_simulated.yaml').write_text(text)
+    monkeypatch.setattr(bench, 'CONFIGS', tmp_path)
+    monkeypatch.delenv('GCL_DATA', raising=False)
+    arguments = ['--out', str(tmp_path / 'r.md'), '--json', str(tmp_path / 'r.json')]
+    arguments += ['--folder', str(tmp_path / 'runs'), '--without', 'fpfh', 'kiss_matcher']
+    assert bench.main(arguments) == 0
+    rows = json.loads((tmp_path / 'r.json').read_text())
+    near, far = rows
+    assert list(near) == [
+        'dataset', 'method', 'estimator', 'lo_m', 'hi_m', 'yaw', 'pairs', 'rr_strict', 'rr_loose',
+        'wrong', 'rte_median_m', 'rre_median_deg', 'ms', 'peak_mb',
+    ]  # fmt: skip
+    assert (near['method'], near['yaw'], near['rr_strict']) == ('gicp', 'driven', 1.0)
+    assert (far['lo_m'], far['hi_m'], far['rte_median_m']) == (20, 30, None)
+    written = (tmp_path / 'r.md').read_text()
+    assert '## Three pairs' in written
+    assert 'commit' in written
+    assert '| gicp | 20–30 | 1 | 0 (' in written
+    assert bench.main([*arguments, '--data', 'nowhere']) == 2
+    assert 'cannot read config' in capsys.readouterr().err
