@@ -111,7 +111,7 @@ def draw(config: BenchmarkConfig, sequences: dict[str, Sequence]) -> list[Drawn]
     if config.source.each:
         groups = [{name: sequence} for name, sequence in sequences.items()]
     drawn = [
-        Drawn(pairs.name or _dataset(config.source, pairs, found), _limited(found, pairs.limit))
+        Drawn(_dataset(config.source, pairs, found), _limited(found, pairs.limit))
         for group in groups
         for pairs in config.pairs
         for found in _lists(pairs, group)
@@ -143,6 +143,7 @@ def _lists(config: PairsConfig, sequences: dict[str, Sequence]) -> Iterator[Pair
 def _dataset(source: SourceConfig, config: PairsConfig, pairs: PairList) -> str:
     """What results call a set: `kitti`, `kitti/08`, `kitti low overlap`, the name of a list."""
     name = pairs.name.split(' ')[0] if config.kind in ('random', 'distance') else pairs.name
+    name = config.name or name
     return f'{name}/{pairs.sequences[0]}' if source.each and pairs.pairs else name
 
 
