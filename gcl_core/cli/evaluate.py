@@ -12,7 +12,6 @@ from typing import Any, cast
 from gcl_core.bench.measure import provenance
 from gcl_core.cli.source import add_source
 from gcl_core.config import load_config
-from gcl_core.data.pair_list import read_pair_list
 from gcl_core.errors import GclError
 from gcl_core.estimation.estimators import ESTIMATORS
 from gcl_core.evaluation.benchmark import (
@@ -108,8 +107,9 @@ def benchmark(options: argparse.Namespace) -> BenchmarkConfig:
     if options.seed is not None:
         config = replace(config, seed=options.seed)
     if options.pairs:
-        read_pair_list(options.pairs)
-        config = replace(config, pairs=(PairsConfig(kind='list', file=str(options.pairs)),))
+        limit = config.pairs[0].limit if config.pairs else 0
+        listed = PairsConfig(kind='list', file=str(options.pairs), limit=limit)
+        config = replace(config, pairs=(listed,))
     elif options.per_bin is not None or not options.config:
         per_bin = 16 if options.per_bin is None else options.per_bin
         if per_bin < 1:

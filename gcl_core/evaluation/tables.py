@@ -93,13 +93,15 @@ def summary(rows: Sequence[Row]) -> Table:
     for (dataset, method), own in groups.items():
         pairs = sum(row.pairs for row in own)
         cells.append(
-            (dataset, method, str(pairs))
+            (dataset, method, str(pairs), str(len(own)))
             + tuple(share(sum(n), pairs) for n in zip(*((r.strict, r.loose) for r in own)))
             + (f'{100 * mean_recall(own, lambda r: r.strict):.1f}',)
             + (f'{100 * mean_recall(own, lambda r: r.loose):.1f}', str(sum(r.wrong for r in own)))
         )
-    head = ('pairs of', 'method', 'pairs', 'strict, %', 'loose, %', 'mRR strict', 'mRR loose')
-    return Table('All distances', (*head, 'wrong'), cells)
+    head = ('pairs of', 'method', 'pairs', 'bins', 'strict, %', 'loose, %')
+    head += ('mRR strict', 'mRR loose', 'wrong')
+    note = 'mRR: mean over the bins that have pairs; compare it only where the bins are the same.'
+    return Table('All distances', head, cells, note)
 
 
 def stages(predictions: Sequence[Prediction]) -> Table | None:

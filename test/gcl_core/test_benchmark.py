@@ -4,21 +4,28 @@ import json
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from gcl_core import se3
 from gcl_core.bench import results as bench
 from gcl_core.cli.main import main
 from gcl_core.config import load_config
 from gcl_core.data.clouds import write_cloud
 from gcl_core.errors import GclError
-from gcl_core.evaluation.benchmark import BenchmarkConfig
+from gcl_core.evaluation import metrics
+from gcl_core.evaluation.benchmark import BenchmarkConfig, Ours
+from gcl_core.evaluation.contestants import ready, registrar
 from gcl_core.evaluation.records import read_lines
 from gcl_core.evaluation.runner import Run
+from gcl_core.models import zoo
+from gcl_core.registrar import RegistrarConfig
 
 PAIRS = ((1, 0), (2, 0), (3, 0))  # 1, 2 and 22 m apart: GICP finds the first two
 TIMES = ('seconds', 'peak_mb')
+GIVE = ('accepted', 'best')
 
 
 @pytest.fixture(scope='module')
@@ -154,6 +161,21 @@ def test_bad_benchmarks_are_named(tmp_path, text, message):
     (tmp_path / 'b.yaml').write_text(text)
     with pytest.raises(GclError, match=message):
         load_config(BenchmarkConfig, tmp_path / 'b.yaml')
+
+
+def test_ours_gives_both_answers_of_one_registration(drive):
+    config = Ours(registrar=RegistrarConfig(turns=1, min_probability=1.0), give=GIVE)
+    accepted, best = ready(config)(drive.scan(98), drive.scan(90))
+    assert [accepted.method, best.method] == list(config.estimators)
+    assert accepted.T_target_source is None
+    T = se3.inverse(drive.T_world_lidar(90)) @ drive.T_world_lidar(98)
+    assert metrics.registered(best.T_target_source, T, metrics.LOOSE)
+    assert 0 < best.ms['features'] < best.ms['total']
+    assert best.ms['data'] > 0
+    fine = registrar(replace(config, voxel_size=0.25)).model
+    assert fine.config.voxel_size == 0.25
+    few, many = (len(m.describe([drive.scan(90)])[0]) for m in (zoo.load_weights(), fine))
+    assert many > 1.1 * few
 
 
 def test_vehicles_that_meet_make_pairs_of_both_sensors(tmp_path):
