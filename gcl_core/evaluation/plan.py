@@ -61,11 +61,8 @@ def open_source(config: BenchmarkConfig) -> dict[str, Sequence]:
     """
     source = config.source
     names = list(map(str, source.simulated or source.sequences))
-    for pairs in config.pairs:
-        if pairs.kind == 'list':
-            listed = _read(pairs, names).sequences
-            names += [] if source.simulated or source.sequences else listed
-    names = list(dict.fromkeys(names))
+    lists = [_read(pairs, names) for pairs in config.pairs if pairs.kind == 'list']
+    listed = list(dict.fromkeys(name for pairs in lists for name in pairs.sequences))
     if source.simulated:
         return {str(seed): simulated(source, seed) for seed in source.simulated}
     if not source.data:
@@ -73,7 +70,14 @@ def open_source(config: BenchmarkConfig) -> dict[str, Sequence]:
     path, layout = Path(source.data), source.layout or None
     if names == ['*']:
         names = sequence_names(path, layout=layout)
-    return open_sequences(path, names or None, layout=layout)
+    opened = open_sequences(path, names or listed or None, layout=layout)
+    return {_as_listed(name, listed): sequence for name, sequence in opened.items()}
+
+
+def _as_listed(name: str, listed: list[str]) -> str:
+    """`08` for `08-suma` where lists say so: a list of scans does not say whose poses to take."""
+    short = name.removesuffix('-suma')
+    return short if name not in listed and short in listed else name
 
 
 def simulated(source: SourceConfig, seed: int) -> Sequence:
@@ -95,7 +99,7 @@ def sensor(source: SourceConfig, sequence: Sequence, index: int) -> str:
 def _read(config: PairsConfig, names: list[str]) -> PairList:
     """Read a list; keep the pairs of the named sequences, if any are named."""
     pairs = read_pair_list(Path(config.file))
-    kept = tuple(p for p in pairs.pairs if p.sequence in names)
+    kept = tuple(p for p in pairs.pairs if {p.sequence, f'{p.sequence}-suma'} & {*names})
     if names and names != ['*'] and not kept:
         raise GclError(f'{config.file} lists no pair of {", ".join(names)}')
     return replace(pairs, pairs=kept) if kept else pairs

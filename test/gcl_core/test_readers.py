@@ -394,18 +394,19 @@ def test_poses_of_another_width_are_named(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ('name', 'layout', 'sequences'),
+    ('name', 'layout', 'sequences', 'listed'),
     [
-        ('kitti', 'kitti', ['08-suma']),
-        ('lokitti', 'kitti', ['08-suma']),
-        ('nuscenes', 'nuscenes', None),
-        ('lonuscenes', 'nuscenes', None),
+        ('kitti', 'kitti', ['08-suma'], '08-suma'),
+        ('lokitti', 'kitti', ['08-suma'], '8'),  # as the public list names it
+        ('nuscenes', 'nuscenes', None, 'n015-2018'),
+        ('lonuscenes', 'nuscenes', None, 'n015-2018'),
     ],
 )
-def test_benchmarks_run_on_their_layout(request, tmp_path_factory, name, layout, sequences):
+def test_benchmarks_run_on_their_layout(
+    request, tmp_path_factory, name, layout, sequences, listed
+):
     root, out = request.getfixturevalue(layout), tmp_path_factory.mktemp(name)
-    short = '08-suma' if sequences else 'n015-2018'
-    (out / 'list.txt').write_text(f'{short} 1 0\n')
+    (out / 'list.txt').write_text(f'{listed} 1 0\n')
     content = yaml.safe_load((CONFIG / f'bench_{name}.yaml').read_text())
     content['methods'] = [{'kind': 'peer', 'name': 'gicp'}]
     (out / 'bench.yaml').write_text(yaml.safe_dump(content))
@@ -415,6 +416,7 @@ def test_benchmarks_run_on_their_layout(request, tmp_path_factory, name, layout,
     assert main(['evaluate', *arguments]) == 0
     results = json.loads((out / 'o/results.json').read_text())
     assert [row['strict'] for row in results['rows']] == [1]
+    assert results['sequences'] == [f'{layout}/{"08-suma" if sequences else listed}']
     assert [table['name'] for table in results['published']] == content.get('published', [])
 
 
