@@ -107,8 +107,11 @@ def summary(rows: Sequence[Row]) -> Table:
 def stages(predictions: Sequence[Prediction]) -> Table | None:
     """Median time of every stage, of the methods that tell them."""
     own: dict[str, list[Prediction]] = {}
+    timed = set()  # two answers of one registration took its time once
     for p in predictions:
-        if p.ms:
+        moment = (p.task, p.seconds)
+        if p.ms and moment not in timed:
+            timed.add(moment)
             own.setdefault(p.method, []).append(p)
     if not own:
         return None

@@ -16,7 +16,7 @@ from gcl_core.config import load_config
 from gcl_core.data.clouds import write_cloud
 from gcl_core.data.eth import EthSequence
 from gcl_core.data.folder import FolderSequence
-from gcl_core.data.formats import open_sequence, open_sequences
+from gcl_core.data.formats import open_sequence, open_sequences, sequence_names
 from gcl_core.data.kitti import KittiSequence
 from gcl_core.data.nuscenes import read_logs
 from gcl_core.data.poses import read_poses
@@ -361,7 +361,9 @@ def test_several_are_opened_by_name(kitti, eth):
         '08': 'kitti/08',
         '09-suma': 'kitti/09-suma',
     }
-    assert list(open_sequences(eth)) == ['wood_autmn']
+    assert sequence_names(kitti) == ['08', '09']
+    assert sequence_names(kitti / 'sequences/08') == ['08']
+    assert list(open_sequences(eth)) == sequence_names(eth.parent) == ['wood_autmn']
     shutil.copytree(eth, eth.parent / 'gazebo_summer')
     assert len(open_sequences(eth.parent, ['gazebo_summer', 'wood_autmn'], layout='eth')) == 2
     with pytest.raises(GclError, match="ETH scene 'stairs' is not there; there are gazebo_summer"):
