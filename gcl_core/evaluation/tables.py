@@ -98,8 +98,8 @@ def summary(rows: Sequence[Row]) -> Table:
             + (f'{100 * mean_recall(own, lambda r: r.strict):.1f}',)
             + (f'{100 * mean_recall(own, lambda r: r.loose):.1f}', str(sum(r.wrong for r in own)))
         )
-    head = ('pairs of', 'method', 'pairs', 'bins', 'strict, %', 'loose, %')
-    head += ('mRR strict', 'mRR loose', 'wrong')
+    counts = ('pairs', 'bins', 'strict, %', 'loose, %')
+    head = ('pairs of', 'method', *counts, 'mRR strict', 'mRR loose', 'wrong')
     note = 'mRR: mean over the bins that have pairs; compare it only where the bins are the same.'
     return Table('All distances', head, cells, note)
 
