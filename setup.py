@@ -48,7 +48,7 @@ setup(
         'jaxtyping>=0.2.28',
         'matplotlib>=3.7',
         'tqdm>=4.60',
-        'rosbags>=0.10.6',
+        'rosbags>=0.11',
     ],
     extras_require={
         # rclpy from PyPI, for machines without a ROS 2 installation

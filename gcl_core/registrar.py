@@ -226,7 +226,7 @@ class Registrar:
         reason = ''
         if winner.refined.walked:
             reason = 'refinement left the place that the correspondences support'
-        elif probability < self.config.min_probability:
+        elif not probability >= self.config.min_probability:  # nor is nan enough
             reason = f'probability {probability:.3f}, {self.config.min_probability:g} needed'
         spread = self.calibration.spread
         return Registration(

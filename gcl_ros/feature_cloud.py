@@ -153,7 +153,7 @@ def _descriptor_field(fields: dict[str, Any], name: str, weights: str) -> str:
     if match is None:
         raise GclError(f'{name} has no field of features; it has {", ".join(fields) or "none"}')
     version, theirs = match.groups()
-    if int(version) != VERSION:
+    if version != str(VERSION):
         raise GclError(
             f'{name} has format {version}, this node reads {VERSION}: run the same release of '
             'gcl_ros on both vehicles'

@@ -207,7 +207,7 @@ def test_nuscenes_forward_is_x(tmp_path, nuscenes):
         ('scene', '[{"token": "early", "log_token": "M"}]', "log.json has no row 'M'"),
         ('sample_data', '[{"token": "x"}]', "lacks 'is_key_frame'"),
         ('sample_data', '[]', 'lists no key frame'),
-        ('log', '{', 'not a nuScenes table'),
+        ('log', '{', 'is not valid JSON'),
         ('log', '[1]', 'not a nuScenes table'),
     ],
 )
