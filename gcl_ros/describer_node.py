@@ -26,6 +26,7 @@ from gcl_ros.conversions import point_cloud
 from gcl_ros.diagnostics import Diagnostics, Report
 from gcl_ros.feature_cloud import fill_feature_cloud, turns_of, weights_hash
 from gcl_ros.lifecycle import ConfiguredNode, run
+from gcl_ros.limits import MAX_POINTS, check_limits
 
 
 @dataclass(frozen=True)
@@ -42,6 +43,7 @@ class DescriberConfig:
         max_rate: most scans described, in Hz; those in between are skipped.
         reliable: reliable subscription; it does not match best-effort publishers.
         silence: no cloud for this long is a warning in the diagnostics, seconds.
+        max_points: clouds of more points are refused; it bounds memory and time.
     """
 
     autostart: bool = True
@@ -51,9 +53,10 @@ class DescriberConfig:
     max_rate: float = 10.0
     reliable: bool = False
     silence: float = 2.0
+    max_points: int = MAX_POINTS
 
 
-LIVE = ('keypoints', 'turns', 'max_rate', 'silence')
+LIVE = ('keypoints', 'turns', 'max_rate', 'silence', 'max_points')
 
 
 class DescriberNode(ConfiguredNode[DescriberConfig]):
@@ -126,6 +129,7 @@ class DescriberNode(ConfiguredNode[DescriberConfig]):
         }
 
     def _describe(self, message: PointCloud2) -> PointCloud2:
+        check_limits(message, self.config.max_points)
         cloud = point_cloud(message)
         turned = [
             PointCloud(se3.transform(turn, cloud.points)) for turn in turns_of(self.config.turns)

@@ -174,5 +174,8 @@ def run(make: Callable[[], ConfiguredNode[Any]]) -> None:
         else:
             node.get_logger().info('unconfigured; waiting for lifecycle transitions')
         while not stop.is_set():
-            executor.spin_once(timeout_sec=0.2)
+            try:
+                executor.spin_once(timeout_sec=0.2)
+            except Exception as error:  # of a callback: the others go on
+                node.get_logger().error(f'please report: {error!r}', throttle_duration_sec=5.0)
         node.destroy_node()

@@ -13,6 +13,7 @@ Serves: `~/trigger` (std_srvs/Trigger) registers the newest pair, `~/reset` forg
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
@@ -25,7 +26,7 @@ from std_srvs.srv import Trigger
 from gcl_core.errors import GclError
 from gcl_core.registrar import Registrar, RegistrarConfig
 from gcl_core.types import Registration
-from gcl_ros import health, transport
+from gcl_ros import health, limits, transport
 from gcl_ros.answers import Answers
 from gcl_ros.conversions import seconds
 from gcl_ros.diagnostics import Diagnostics, Report
@@ -52,6 +53,7 @@ class NodeConfig:
         on_demand: register a pair only when `~/trigger` is called.
         silence: a topic without a cloud for this long is a warning in the diagnostics, seconds.
         max_age: a transform this long after its stamp is a warning in the diagnostics, seconds.
+        max_points: clouds of more points are refused; it bounds memory and time.
         publish_tf: broadcast the transform on /tf too. The source's frame must have no other
             parent; needs tf2_ros.
         publish_aligned: publish the source cloud in the target's frame on `~/aligned`.
@@ -67,6 +69,7 @@ class NodeConfig:
     on_demand: bool = False
     silence: float = 2.0
     max_age: float = 5.0
+    max_points: int = limits.MAX_POINTS
     publish_tf: bool = False
     publish_aligned: bool = False
     publish_matches: bool = False
@@ -86,7 +89,8 @@ class NodeConfig:
             )
 
 
-LIVE = ('max_pair_dt', 'on_demand', 'silence', 'max_age')  # and the registrar's, but the network's
+# and the registrar's, but the network's
+LIVE = ('max_pair_dt', 'on_demand', 'silence', 'max_age', 'max_points')
 NETWORK = ('registrar.weights', 'registrar.precision')
 
 
@@ -163,11 +167,26 @@ class RegistrarNode(ConfiguredNode[NodeConfig]):
         for pairing in self._pairings.of.values() if self._pairings else ():
             pairing.max_dt, pairing.on_demand = config.max_pair_dt, config.on_demand
 
+    def _takes(self, links: Sequence[Link], message: PointCloud2) -> bool:
+        """Whether a cloud is within the limits; if not, the diagnostics say so."""
+        try:
+            limits.check_limits(message, self.config.max_points)
+        except GclError as error:
+            for link in links:
+                link.health.failed(str(error))
+            self.get_logger().error(f'cloud left out: {error}', throttle_duration_sec=5.0)
+            return False
+        return True
+
     def _receive_source(self, name: str, message: PointCloud2) -> None:
+        if not self._takes([self._links[name]], message):
+            return
         self._links[name].heard('source', message)
         self._pairings.of[name].add('source', seconds(message.header.stamp), message)
 
     def _receive_target(self, message: PointCloud2) -> None:
+        if not self._takes([*self._links.values()], message):
+            return
         for link in self._links.values():
             link.heard('target', message)
         self._pairings.add_target(seconds(message.header.stamp), message)
@@ -196,6 +215,9 @@ class RegistrarNode(ConfiguredNode[NodeConfig]):
         if not have:
             response.message = 'no pair of clouds has come yet; see /diagnostics'
             return response
+        if self._answers.waiting >= limits.MAX_WAITING:
+            response.message = f'{limits.MAX_WAITING} callers wait already; call again later'
+            return response
         future = self._answers.expect(have, self.executor)
         for name in have:
             self._pairings.of[name].ask()
@@ -216,8 +238,8 @@ class RegistrarNode(ConfiguredNode[NodeConfig]):
             return [Report(health.ERROR, f'{self.state}: {self.problem}', state)]
         if self._pairings is None or config is None:
             return [Report(health.WARN, f'{self.state}, not active', state)]
-        limits = health.Limits(config.silence, config.max_age, config.max_pair_dt)
-        return [link.report(limits, self.state) for link in self._links.values()]
+        bounds = health.Limits(config.silence, config.max_age, config.max_pair_dt)
+        return [link.report(bounds, self.state) for link in self._links.values()]
 
 
 def describe(result: Registration) -> str:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import resource
 import signal
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,7 +13,7 @@ from gcl_core.errors import GclError
 from gcl_ros.fuzz.targets import Target
 
 MEMORY = 512 << 20  # bytes that reading a small input may take on top of what the process has
-PATIENCE = 10  # seconds that it may take
+PATIENCE = 5.0  # seconds of the processor that it may take
 
 
 class HangError(BaseException):
@@ -33,20 +32,24 @@ def bounded_memory(allowed: int = MEMORY) -> Iterator[None]:
         resource.setrlimit(resource.RLIMIT_AS, before)
 
 
-def outcome(target: Target, data: bytes) -> str:
-    """`read` or `refused`; anything else that comes out of the reader goes on.
+def outcome(target: Target, data: bytes, folder: Path) -> str:
+    """Feed one input to a reader, in a folder of its own: `read` or `refused`.
+
+    Whatever else comes out of the reader goes on.
 
     Raises:
         AssertionError: the error does not tell what to make of it.
         HangError: it took longer than `PATIENCE`.
     """
-    with tempfile.TemporaryDirectory() as folder, _alarm():
+    with _alarm():
         try:
-            target.read(data, Path(folder))
+            target.read(data, folder)
         except GclError as error:
-            assert len(str(error)) > 15, f'this error names no value and no remedy: {error}'
-            return 'refused'
-    return 'read'
+            refusal = str(error)
+        else:
+            return 'read'
+    assert len(refusal) > 15, f'this error names no value and no remedy: {refusal}'
+    return 'refused'
 
 
 @contextmanager
@@ -54,9 +57,9 @@ def _alarm() -> Iterator[None]:
     def ring(*_: Any) -> None:
         raise HangError
 
-    signal.signal(signal.SIGALRM, ring)
-    signal.alarm(PATIENCE)
+    signal.signal(signal.SIGPROF, ring)
+    signal.setitimer(signal.ITIMER_PROF, PATIENCE)
     try:
         yield
     finally:
-        signal.alarm(0)
+        signal.setitimer(signal.ITIMER_PROF, 0)

@@ -15,6 +15,7 @@ from gcl_core.data.kitti import read_calibration
 from gcl_core.data.nuscenes import read_logs
 from gcl_core.data.pair_list import read_pair_list
 from gcl_core.data.poses import read_poses
+from gcl_core.errors import GclError
 from gcl_core.estimation.confidence import load_calibration
 from gcl_core.models import zoo
 from gcl_core.registrar import RegistrarConfig
@@ -48,6 +49,21 @@ def _message(data: bytes, _: Path) -> None:
         feature_cloud(message, seeds.HASH)
     else:
         deskewed(message, Odometry())
+        point_cloud(message)
+
+
+def _wire(data: bytes, folder: Path) -> None:
+    """The same bytes through the deserializer of the middleware, which is C++."""
+    from rclpy.serialization import deserialize_message
+    from sensor_msgs.msg import PointCloud2
+
+    try:
+        message = deserialize_message(data, PointCloud2)
+    except Exception as error:
+        raise GclError(f'the middleware refuses these bytes: {error}') from None
+    if is_feature_cloud(message):
+        feature_cloud(message, seeds.HASH)
+    else:
         point_cloud(message)
 
 
@@ -111,6 +127,7 @@ def targets() -> dict[str, Target]:
     """Every target by its name."""
     found: dict[str, Target] = {
         'message': Target(lambda: [seeds.raw_message(), seeds.feature_message()], _message),
+        'wire': Target(lambda: [seeds.raw_message(), seeds.feature_message()], _wire),
         'weights': Target(lambda: [seeds.weights()], _weights),
         'weights record': Target(lambda: [b'{"sha256": "0"}'], _record),
         'nuscenes': Target(_tables, _nuscenes),

@@ -1,0 +1,118 @@
+"""`make soak`: an hour in which everything goes wrong; JSON, and exit code 1 if the node did."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+
+from gcl_core.bench.measure import provenance
+from gcl_ros.bag import read_encounters, write_bag
+from gcl_ros.demo import encounters
+from gcl_ros.session import PROFILE
+from gcl_ros.soak.faults import active, schedule
+from gcl_ros.soak.machine import Machine
+from gcl_ros.soak.observer import Observer
+
+FLAT = 0.05  # share by which the node's memory may grow or shrink after it is warm
+SAMPLE = 5.0  # seconds between looks at the memory
+
+
+def soak(folder: Path, seconds: float, seed: int) -> dict[str, Any]:
+    """Run and return the report."""
+    bag = folder / 'scenes'
+    if not bag.exists():
+        write_bag(bag, encounters())
+    truths = [encounter.T_target_source for encounter in read_encounters(bag)]
+    os.environ.setdefault('FASTDDS_DEFAULT_PROFILES_FILE', str(PROFILE))
+    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    faults, memory, gone = schedule(seed, seconds), [], 0.0
+    with rclpy.init():
+        observer, executor = Observer(truths), SingleThreadedExecutor()
+        executor.add_node(observer)
+        start, sampled = time.time(), 0.0
+        machine = Machine(bag, folder, seed, start, seconds)
+        machine.vehicles()
+        while (now := time.time() - start) < seconds and machine.node_alive:
+            executor.spin_once(timeout_sec=0.1)
+            observer.ask()
+            machine.bring(active(faults, now))
+            if now - sampled > SAMPLE:
+                sampled = now
+                memory.append(round(machine.node_mb(), 1))
+        gone = time.time() - start
+        failed = machine.recording_failed()
+        code = machine.stop()
+        observer.destroy_node()
+    report = {
+        'seconds': round(gone, 1),
+        'seed': seed,
+        'faults': [[f.kind, f.start, f.end, round(f.size, 3)] for f in faults],
+        **observer.counts,
+        'reasons': dict(observer.reasons.most_common()),
+        'wrong transforms': observer.wrong,
+        'unexplained': observer.unexplained,
+        'recording': failed,
+        'node exit': code,
+        'memory_mb': memory,
+        'memory_change': memory_change(memory),
+    }
+    return report | {'failures': failures(report, seconds), **provenance()}
+
+
+def memory_change(memory: list[float]) -> float:
+    """Change from the second fifth of the run, when all is warm, to its last fifth."""
+    fifth = max(1, len(memory) // 5)
+    if len(memory) < 3:
+        return 0.0
+    early, late = np.median(memory[fifth : 2 * fifth]), np.median(memory[-fifth:])
+    return round(float(late / early - 1), 4)
+
+
+def failures(report: dict[str, Any], seconds: float) -> list[str]:
+    """What of the run was not as it must be."""
+    found = []
+    if report['seconds'] < seconds or report['node exit'] != 0:
+        found.append(f'the node ended after {report["seconds"]} s, exit {report["node exit"]}')
+    if report.get('unanswered', 0) or report.get('not active', 0) or not report.get('answers'):
+        found.append('the node did not answer, or was not active')
+    if report.get('wrong', 0):
+        found.append(f'{report["wrong"]} of {report["accepted"]} transforms were wrong')
+    if not report.get('accepted', 0):
+        found.append('no transform was accepted')
+    if report['unexplained']:
+        found.append(f'{len(report["unexplained"])} refusals without a reason')
+    if report['recording']:
+        found.append(f'recording on a full disk: {report["recording"]}')
+    if abs(report['memory_change']) > FLAT:
+        found.append(f'memory changed by {report["memory_change"]:+.1%}')
+    return found
+
+
+def main() -> None:
+    """Parse the command line, run, report."""
+    parser = argparse.ArgumentParser(prog='soak', description=__doc__)
+    parser.add_argument('--minutes', type=float, default=60.0)
+    parser.add_argument('--seed', type=int, default=0)
+    parser.add_argument('--folder', type=Path, default=Path('build/soak'), help='scenes and logs')
+    parser.add_argument('--out', type=Path, default=None, help='JSON; default: in the folder')
+    o = parser.parse_args()
+    o.folder.mkdir(parents=True, exist_ok=True)
+    report = soak(o.folder, 60 * o.minutes, o.seed)
+    (o.out or o.folder / 'soak.json').write_text(json.dumps(report, indent=1) + '\n')
+    short = ('accepted', 'strict', 'wrong', 'withheld', 'left out', 'answers', 'memory_change')
+    print(', '.join(f'{name} {report.get(name, 0)}' for name in short))
+    print('soak:', '; '.join(report['failures']) or 'the node lived, and nothing was wrong')
+    sys.exit(bool(report['failures']))
+
+
+if __name__ == '__main__':
+    main()
