@@ -12,13 +12,12 @@ import apsw
 import numpy as np
 from jaxtyping import Float
 from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.typesys import get_typestore
 
 from gcl_core import se3
 from gcl_core.data.sequence import Sequence, positions
 from gcl_core.errors import GclError
 from gcl_core.types import PointCloud
-from gcl_ros.bag_reader import STORE, open_bag
+from gcl_ros.bag_reader import message_types, open_bag
 from gcl_ros.conversions import (
     fill_point_cloud2,
     fill_transform,
@@ -119,7 +118,7 @@ def write_bag(
 
 def _write(path: Path, encounters: Iterable[Encounter], storage: str, pair_list: str) -> int:
     plugin = StoragePlugin.MCAP if storage == 'mcap' else StoragePlugin.SQLITE3
-    types = get_typestore(STORE)
+    types = message_types()
     count = 0
     with Writer(path, version=VERSION, storage_plugin=plugin) as writer:
         topics = {

@@ -18,7 +18,8 @@ STORE = Stores.ROS2_HUMBLE  # the messages used here are the same from Humble to
 
 
 @cache
-def _types() -> Any:
+def message_types() -> Any:
+    """All message types of `STORE`; made once, in tenths of a second."""
     return get_typestore(STORE)
 
 
@@ -39,7 +40,7 @@ def deserialized(raw: Any, kind: str) -> Any:
         GclError: they are damaged, or the type is none of ROS's own.
     """
     with _refused(f'a message of type {kind}'):
-        return _types().deserialize_cdr(raw, kind)
+        return message_types().deserialize_cdr(raw, kind)
 
 
 class Bag:

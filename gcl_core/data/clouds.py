@@ -46,7 +46,7 @@ def write_cloud(path: Path, cloud: PointCloud) -> None:
 
     try:
         if path.suffix == '.npy':
-            np.save(path, cloud.points)
+            np.save(path, cloud.points, allow_pickle=False)
         elif path.suffix == '.bin':
             rows = np.column_stack([cloud.points, np.zeros(len(cloud), np.float32)])
             rows.astype(np.float32).tofile(path)

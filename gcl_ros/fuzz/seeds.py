@@ -7,13 +7,13 @@ import json
 import tempfile
 from collections.abc import Callable
 from dataclasses import asdict
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
 import yaml
-from rosbags.typesys import get_typestore
 
 from gcl_core import se3
 from gcl_core.data.clouds import write_cloud
@@ -25,7 +25,7 @@ from gcl_core.registrar import SHIPPED, RegistrarConfig
 from gcl_core.training import checkpoint
 from gcl_core.types import Features, PointCloud
 from gcl_ros.bag import Encounter, encounter_messages, write_bag
-from gcl_ros.bag_reader import STORE
+from gcl_ros.bag_reader import message_types
 from gcl_ros.feature_cloud import fill_feature_cloud
 
 TINY = ResUNetConfig(encoder=(2, 2, 2, 2), decoder=(2, 2, 2), head=2, descriptor=2)
@@ -62,6 +62,7 @@ def file_of(name: str, write: Callable[[Path], object]) -> bytes:
         return path.read_bytes()
 
 
+@cache
 def bag(storage: Any) -> tuple[bytes, bytes]:
     """Metadata and storage of a small bag."""
     encounters = [Encounter(1.0 + i, cloud(), cloud(30), np.eye(4)) for i in range(2)]
@@ -72,17 +73,19 @@ def bag(storage: Any) -> tuple[bytes, bytes]:
         return (path / 'metadata.yaml').read_bytes(), data.read_bytes()
 
 
+@cache
 def raw_message() -> bytes:
     """A PointCloud2 of points, serialized."""
-    types = get_typestore(STORE)
+    types = message_types()
     encounter = Encounter(1.0, cloud(), cloud(), np.eye(4))
     message = [m for _, m in encounter_messages(types, encounter, 10**9)][1]
     return bytes(types.serialize_cdr(message, message.__msgtype__))
 
 
+@cache
 def feature_message() -> bytes:
     """A PointCloud2 of features, serialized."""
-    types = get_typestore(STORE)
+    types = message_types()
     encounter = Encounter(1.0, cloud(), cloud(), np.eye(4))
     message = [m for _, m in encounter_messages(types, encounter, 10**9)][1]
     vectors = torch.nn.functional.normalize(torch.randn(40, 32), dim=1)
@@ -116,10 +119,11 @@ def ply(kind: str) -> bytes:
 def npy() -> bytes:
     """A .npy file."""
     stream = io.BytesIO()
-    np.save(stream, cloud().points)
+    np.save(stream, cloud().points, allow_pickle=False)
     return stream.getvalue()
 
 
+@cache
 def weights() -> bytes:
     """A weights file."""
     return file_of('w.safetensors', lambda path: zoo.save_weights(path, network(), {}))

@@ -15,6 +15,7 @@ import rclpy
 from rclpy.executors import SingleThreadedExecutor
 
 from gcl_core.bench.measure import provenance
+from gcl_core.errors import GclError
 from gcl_ros.bag import read_encounters, write_bag
 from gcl_ros.demo import encounters
 from gcl_ros.session import PROFILE
@@ -23,6 +24,7 @@ from gcl_ros.soak.machine import Machine
 from gcl_ros.soak.observer import Observer
 
 FLAT = 0.05  # share by which the node's memory may grow or shrink after it is warm
+LOADING = 600.0  # seconds for all processes to load
 SAMPLE = 5.0  # seconds between looks at the memory
 
 
@@ -38,9 +40,10 @@ def soak(folder: Path, seconds: float, seed: int) -> dict[str, Any]:
     with rclpy.init():
         observer, executor = Observer(truths), SingleThreadedExecutor()
         executor.add_node(observer)
-        start, sampled = time.time(), 0.0
-        machine = Machine(bag, folder, seed, start, seconds)
+        machine, sampled = Machine(bag, folder, seed, seconds), 0.0
         machine.vehicles()
+        _wait(observer, executor)
+        start = machine.begin()
         while (now := time.time() - start) < seconds and machine.node_alive:
             executor.spin_once(timeout_sec=0.1)
             observer.ask()
@@ -66,6 +69,17 @@ def soak(folder: Path, seconds: float, seed: int) -> dict[str, Any]:
         'memory_change': memory_change(memory),
     }
     return report | {'failures': failures(report, seconds), **provenance()}
+
+
+def _wait(observer: Observer, executor: Any) -> None:
+    """Wait until vehicles and node have found each other."""
+    until = time.monotonic() + LOADING
+    while not observer.everybody_there:
+        executor.spin_once(timeout_sec=0.2)
+        if time.monotonic() > until:
+            raise GclError(
+                f'no node and vehicles within {LOADING:g} s; see the logs in the folder'
+            )
 
 
 def memory_change(memory: list[float]) -> float:

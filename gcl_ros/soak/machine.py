@@ -7,6 +7,7 @@ import resource
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
@@ -24,13 +25,14 @@ class Machine:
         bag: scenes.
         folder: for logs.
         seed: of the faults.
-        began: seconds since the epoch.
         seconds: how long the run is.
     """
 
-    def __init__(self, bag: Path, folder: Path, seed: int, began: float, seconds: float) -> None:
-        self._bag, self._folder = bag, folder
-        self._times = ['--seed', str(seed), '--began', str(began), '--seconds', str(seconds)]
+    def __init__(self, bag: Path, folder: Path, seed: int, seconds: float) -> None:
+        self._bag, self._folder, self._began = bag, folder, folder / 'began'
+        self._began.unlink(missing_ok=True)
+        times = {'seed': seed, 'began': self._began, 'seconds': seconds}
+        self._times = [part for k, v in times.items() for part in (f'--{k}', str(v))]
         self._running: dict[str, subprocess.Popen[Any]] = {}
         self._fault: Fault | None = None
         settings = [f'{name}:={value}' for name, value in PARAMETERS.items()]
@@ -42,6 +44,14 @@ class Machine:
             self._running[name] = subprocess.Popen(
                 [sys.executable, *arguments], stdout=log, stderr=log
             )
+
+    def begin(self) -> float:
+        """Let the vehicles send; seconds since the epoch."""
+        now = time.time()
+        whole = self._began.with_suffix('.part')
+        whole.write_text(repr(now))
+        whole.rename(self._began)
+        return now
 
     def vehicles(self) -> None:
         """Start whichever vehicle is not running."""

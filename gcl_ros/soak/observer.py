@@ -82,6 +82,12 @@ class Observer(Node):
         else:
             self.unexplained.append(f'{name}: {text}')
 
+    @property
+    def everybody_there(self) -> bool:
+        """Whether both vehicles and the node are on their topics."""
+        topics = ('/source/points', '/target/points')
+        return all(self.count_publishers(t) and self.count_subscribers(t) for t in topics)
+
     def ask(self) -> None:
         """Ask for the node's state now and then; count what is not answered in time."""
         now = time.monotonic()

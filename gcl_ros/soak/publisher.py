@@ -90,9 +90,9 @@ def run(o: argparse.Namespace) -> None:
         qos = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
         publisher = node.create_publisher(PointCloud2, f'/{o.side}/points', qos)
         waiting: list[tuple[float, int, PointCloud2, float]] = []
-        tick = int((time.time() - o.began) / PERIOD)
-        count = 0
-        while (now := time.time() - o.began) < o.seconds:
+        began = _when(o.began)
+        tick, count = int((time.time() - began) / PERIOD), 0
+        while (now := time.time() - began) < o.seconds:
             while tick * PERIOD <= now:
                 for delay, message, stamp in vehicle.sends(tick, active(faults, tick * PERIOD)):
                     count += 1
@@ -100,11 +100,18 @@ def run(o: argparse.Namespace) -> None:
                 tick += 1
             while waiting and waiting[0][0] <= now:
                 _, _, message, stamp = heapq.heappop(waiting)
-                nanoseconds = round((o.began + stamp) * 1e9)
+                nanoseconds = round((began + stamp) * 1e9)
                 message.header.stamp.sec, message.header.stamp.nanosec = divmod(nanoseconds, 10**9)
                 publisher.publish(message)
             time.sleep(0.01)
         node.destroy_node()
+
+
+def _when(path: Path) -> float:
+    """Wait for the run to begin; seconds since the epoch."""
+    while not path.exists():
+        time.sleep(0.05)
+    return float(path.read_text())
 
 
 def main() -> None:
@@ -113,7 +120,7 @@ def main() -> None:
     parser.add_argument('side', choices=('source', 'target'))
     parser.add_argument('bag', type=Path)
     parser.add_argument('--seed', type=int, required=True)
-    parser.add_argument('--began', type=float, required=True, help='seconds since the epoch')
+    parser.add_argument('--began', type=Path, required=True, help='file that tells when')
     parser.add_argument('--seconds', type=float, required=True)
     run(parser.parse_args())
 
