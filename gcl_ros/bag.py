@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import sqlite3
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Literal
 
-import apsw
 import numpy as np
 from jaxtyping import Float
 from rosbags.rosbag2 import StoragePlugin, Writer
@@ -111,7 +111,7 @@ def write_bag(
         with TemporaryDirectory(prefix='.unfinished_', dir=path.parent) as folder:
             count = _write(Path(folder) / path.name, encounters, storage, pair_list)
             (Path(folder) / path.name).rename(path)
-    except (OSError, apsw.Error) as error:
+    except (OSError, sqlite3.Error) as error:
         raise GclError(f'cannot write bag {path}: {error}; make room and write it anew') from None
     return count
 

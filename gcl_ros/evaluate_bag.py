@@ -151,7 +151,7 @@ def main() -> None:
     options = parser.parse_args()
     try:
         run(options)
-    except GclError as error:
+    except (GclError, OSError) as error:
         print(f'evaluate_bag: {error}', file=sys.stderr)
         sys.exit(2)
 

@@ -26,6 +26,7 @@ from gcl_core.evaluation import peers
 from gcl_core.evaluation.compare import FEATURES, PAPER, compare
 from gcl_core.evaluation.predict import Method, Prediction, predict
 from gcl_core.evaluation.score import markdown, score
+from gcl_core.files import write_text
 from gcl_core.registrar import Registrar, RegistrarConfig
 from gcl_core.types import PointCloud
 
@@ -87,7 +88,7 @@ def run(options: argparse.Namespace) -> int:
             'rows': [asdict(row) for row in rows],
             'predictions': [asdict(p) for p in predictions],
         }
-        options.out.write_text(json.dumps(content, default=lambda a: a.tolist()) + '\n')
+        write_text(options.out, json.dumps(content, default=lambda a: a.tolist()) + '\n')
     return 0
 
 

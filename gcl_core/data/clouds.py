@@ -8,6 +8,7 @@ import numpy as np
 
 from gcl_core.data.cloud_headers import Header, read_header
 from gcl_core.errors import GclError
+from gcl_core.files import whole_file
 from gcl_core.types import PointCloud
 
 FORMATS = ('.bin', '.pcd', '.ply', '.npy')
@@ -44,20 +45,19 @@ def write_cloud(path: Path, cloud: PointCloud) -> None:
     """
     import open3d as o3d
 
-    try:
+    if path.suffix not in FORMATS:
+        raise GclError(f'{path}: unknown format {path.suffix!r}; use {", ".join(FORMATS)}')
+    with whole_file(path) as part:
         if path.suffix == '.npy':
-            np.save(path, cloud.points, allow_pickle=False)
+            np.save(part, cloud.points, allow_pickle=False)
         elif path.suffix == '.bin':
             rows = np.column_stack([cloud.points, np.zeros(len(cloud), np.float32)])
-            rows.astype(np.float32).tofile(path)
-        elif path.suffix in ('.pcd', '.ply'):
-            tensor = o3d.t.geometry.PointCloud(o3d.core.Tensor(cloud.points))
-            if not o3d.t.io.write_point_cloud(str(path), tensor):
-                raise GclError(f'cannot write {path}; does its folder exist?')
+            rows.astype(np.float32).tofile(part)
         else:
-            raise GclError(f'{path}: unknown format {path.suffix!r}; use {", ".join(FORMATS)}')
-    except OSError as error:
-        raise GclError(f'cannot write {path}: {error.strerror}') from None
+            tensor = o3d.t.geometry.PointCloud(o3d.core.Tensor(cloud.points))
+            written = o3d.t.io.write_point_cloud(str(part), tensor)
+            if not written or part.stat().st_size < cloud.points.nbytes:  # .ply never says no
+                raise GclError(f'cannot write {path}: does its folder exist, is the disk full?')
 
 
 def _read_bin(path: Path) -> np.ndarray:

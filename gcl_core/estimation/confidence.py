@@ -18,6 +18,7 @@ from jaxtyping import Float
 from gcl_core.config import from_mapping, read_json
 from gcl_core.errors import GclError
 from gcl_core.estimation.evidence import COLUMNS
+from gcl_core.files import write_text
 
 REMEDY = 'write it with `python -m gcl_core.evaluation.calibrate`'
 TRUST_COLUMNS = 3  # see `Calibration.trust`
@@ -111,7 +112,7 @@ def load_calibration(path: Path) -> Calibration:
 
 def save_calibration(path: Path, calibration: Calibration, record: dict[str, Any]) -> None:
     """Write fitted numbers and where they come from."""
-    path.write_text(json.dumps({**asdict(calibration), 'record': record}, indent=1) + '\n')
+    write_text(path, json.dumps({**asdict(calibration), 'record': record}, indent=1) + '\n')
 
 
 def fit_judge(

@@ -16,6 +16,7 @@ from safetensors.torch import save_file
 from gcl_core.estimation.decision import Finalist, examine
 from gcl_core.estimation.refine import Refined
 from gcl_core.evaluation import metrics
+from gcl_core.files import whole_file
 from gcl_core.registrar import Registrar, Stopwatch, View
 from gcl_core.types import Features
 
@@ -122,7 +123,8 @@ def save_trials(path: Path, trials: Iterable[Trial]) -> None:
             tensors[f'{i}/{k}/numbers'] = torch.tensor(numbers, dtype=torch.float64)
             tensors[f'{i}/{k}/T'] = torch.from_numpy(f.refined.T_target_source.copy())
             tensors[f'{i}/{k}/information'] = torch.from_numpy(f.refined.information.copy())
-    save_file(tensors, path, metadata={'kinds': json.dumps(kinds)})
+    with whole_file(path) as part:
+        save_file(tensors, part, metadata={'kinds': json.dumps(kinds)})
 
 
 def load_trials(path: Path) -> list[Trial]:

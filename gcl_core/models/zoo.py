@@ -14,6 +14,7 @@ from safetensors.torch import save_file
 
 from gcl_core.config import from_mapping, read_json
 from gcl_core.errors import GclError
+from gcl_core.files import whole_file, write_text
 from gcl_core.models.backbone import Backbone
 from gcl_core.models.kpconv_resunet import KPConvConfig, KPConvResUNet
 from gcl_core.models.resunet import ResUNet, ResUNetConfig
@@ -48,10 +49,11 @@ def save_weights(path: Path, model: Backbone[Any, Any], record: dict[str, Any]) 
     """
     tensors = {name: t.contiguous() for name, t in model.state_dict().items()}
     network = json.dumps(asdict(model.config))
-    save_file(tensors, path, metadata={'format': FORMAT, 'network': network})
-    digest = hashlib.sha256(path.read_bytes()).hexdigest()
-    card = {'sha256': digest, 'network': asdict(model.config), **record}
-    path.with_suffix('.json').write_text(json.dumps(card, indent=2) + '\n')
+    with whole_file(path) as part:
+        save_file(tensors, part, metadata={'format': FORMAT, 'network': network})
+        digest = hashlib.sha256(part.read_bytes()).hexdigest()
+        card = {'sha256': digest, 'network': asdict(model.config), **record}
+        write_text(path.with_suffix('.json'), json.dumps(card, indent=2) + '\n')
 
 
 def load_weights(name_or_path: str = DEFAULT) -> Backbone[Any, Any]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 
 from gcl_core.errors import GclError
+from gcl_core.files import whole_file
 
 FORMAT = 'gcl-checkpoint-1'
 
@@ -33,7 +33,7 @@ class State:
 
 
 def save(path: Path, state: State, step: int, config: dict[str, Any]) -> None:
-    """Write to a temporary file and rename it, so that a kill leaves the last one whole.
+    """Write a checkpoint; a kill, or a full disk, leaves the last one whole.
 
     Raises:
         GclError: it cannot be written; the last one is still there.
@@ -44,16 +44,9 @@ def save(path: Path, state: State, step: int, config: dict[str, Any]) -> None:
     if state.average:
         averaged = state.average.state_dict()
         tensors.update({f'average.{name}': t.clone() for name, t in averaged.items()})
-    temporary = path.with_suffix('.tmp')
     metadata = {'format': FORMAT, 'step': str(step), 'config': json.dumps(config)}
-    try:
-        save_file(tensors, temporary, metadata=metadata)
-        os.replace(temporary, path)
-    except (SafetensorError, OSError) as error:
-        temporary.unlink(missing_ok=True)
-        raise GclError(
-            f'cannot write {path}: {error}; make room and go on from the last'
-        ) from None
+    with whole_file(path) as part:
+        save_file(tensors, part, metadata=metadata)
 
 
 def load(path: Path, state: State) -> int:
