@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: install demo test lint type bench-engine clean
+.PHONY: install demo test lint type bench-engine bench-fuzz soak audit clean
 
 install: $(VENV)/installed
 
@@ -31,6 +31,24 @@ bench-engine: install
 	test -d build/spconv || $(BIN)/pip install -q --disable-pip-version-check --no-deps \
 		--target build/spconv spconv cumm pccm ccimport pybind11 fire termcolor lark portalocker ninja
 	PYTHONPATH=build/spconv $(BIN)/python -m gcl_core.bench.engine --out bench/engine.json
+
+# 100,000 hostile inputs to every reader; a quarter of an hour.  atheris, which looks for inputs that
+# reach new code, goes to a folder of its own; where it has no wheel, inputs are broken blindly.
+bench-fuzz: install
+	test -d build/atheris || $(BIN)/pip install -q --disable-pip-version-check --no-deps \
+		--only-binary :all: --target build/atheris atheris || echo "no atheris: without coverage"
+	PYTHONPATH=build/atheris $(BIN)/python -m gcl_ros.fuzz --inputs 100000 --out bench/fuzz.json
+
+# The node over real DDS while everything around it goes wrong: `make soak MINUTES=3` is what CI runs.
+MINUTES ?= 60
+soak: install
+	$(BIN)/python -m gcl_ros.soak --minutes $(MINUTES)
+
+# Licences of what is installed, and known vulnerabilities by pip-audit, in a folder of its own.
+audit: install
+	test -d build/audit || $(BIN)/pip install -q --disable-pip-version-check \
+		--target build/audit pip-audit
+	PYTHONPATH=build/audit $(BIN)/python -m gcl_ros.audit
 
 clean:
 	rm -rf $(VENV) build install log *.egg-info
