@@ -68,19 +68,11 @@ class Observer(Node):
             now = int(figures.get(name, 0))
             self.counts[name] = max(self.counts[name], now)
             if now > self._refused.get(name, 0):
-                self._explained(name, status.message, figures)
+                reason = figures.get(f'last {name}', '')
+                self.reasons[f'{name}: {reason}'.split(' in frame')[0][:60]] += 1
+                if not reason:
+                    self.unexplained.append(f'{name}: {status.message}')
             self._refused[name] = now
-
-    def _explained(self, name: str, text: str, figures: dict[str, str]) -> None:
-        """One refusal since the last diagnostics; only the last of several is told there."""
-        reason = figures.get('reason withheld', '') if name == 'withheld' else ''
-        if 'left out:' in text:
-            reason = reason or text
-        told = reason or (figures.get('probability', '') and 'registered since')
-        if told:
-            self.reasons[told.split(' in frame')[0][:60]] += 1
-        else:
-            self.unexplained.append(f'{name}: {text}')
 
     @property
     def everybody_there(self) -> bool:
