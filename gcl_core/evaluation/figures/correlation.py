@@ -72,7 +72,7 @@ def _rows(
     for number, (batch, own) in enumerate(zip(batches, ranges)):
         evenly = np.concatenate([r[rng.permutation(len(r))[: min(map(len, own))]] for r in own])
         others = [total_variation(counts[number], c) for i, c in enumerate(counts) if i != number]
-        curves = [near_curve(r, p.b, p.h, ON_CURVE) for r, p in zip(own, batch)]
+        curves = [near_curve(r, p.b, p.h, ON_CURVE) for r, p in zip(own, batch) if len(r)]
         rows.append(
             {
                 'kind': kind,
@@ -83,7 +83,7 @@ def _rows(
                 'positives': sum(len(r) for r in own),
                 'bits': round(float(np.mean([shared_bits(r, rng) for r in own])), 3),
                 'bits_batch': round(shared_bits(evenly, rng), 3),
-                'on_curve': round(float(np.nanmean(curves)), 3),
+                'on_curve': round(float(np.mean(curves)), 3) if curves else None,
                 'change': round(float(np.mean(others)), 3) if others else None,
             }
         )

@@ -24,9 +24,7 @@ def roadside(b: float, h: float, steps: int = 801) -> Ranges:
 
 
 def near_curve(ranges: Ranges, b: float, h: float, within: float) -> float:
-    """Share of positives at most `within` metres from equation 2's curve; nan without any."""
-    if len(ranges) == 0:
-        return float('nan')
+    """Share of one or more positives that lie `within` metres of equation 2's curve."""
     away, _ = cKDTree(roadside(b, h)).query(ranges)
     return float(np.mean(away <= within))
 

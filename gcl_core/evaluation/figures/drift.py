@@ -21,12 +21,12 @@ from gcl_core.evaluation.figures import result
 from gcl_core.evaluation.figures.describers import COLORS, Describe, describers
 from gcl_core.evaluation.figures.result import FigureResult, Row
 from gcl_core.evaluation.figures.sampling import shared_spots
-from gcl_core.evaluation.neighborhood import Neighborhood, neighborhoods
+from gcl_core.evaluation.neighborhood import MAX_RANGE, Neighborhood, neighborhoods
 from gcl_core.registrar import Registrar
 from gcl_core.types import Features, PositiveGroups
 
 CENTRES = 3
-EDGES = np.arange(0.0, 71.0, 10.0)  # metres: ranges of observations
+EDGES = np.arange(0.0, MAX_RANGE + 1, 10.0)  # metres: ranges of observations
 WHOLE = (float(EDGES[0]), float(EDGES[-1]))
 FEWEST = 50  # observations in a range, for it to be drawn
 VIOLIN = 5000  # observations that a violin is smoothed from
