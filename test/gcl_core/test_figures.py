@@ -126,7 +126,8 @@ def drawn(corridor, registrar):
     with pytest.MonkeyPatch.context() as patch:
         for module in (drift, inliers, positives):
             patch.setattr(module, 'CENTRES', 1)
-        patch.setattr(correlation, 'BATCHES', 2)
+        patch.setattr(correlation, 'BATCHES', 1)
+        patch.setattr(inliers, 'PER_BIN', 1)
         yield lru_cache(lambda name, run: FIGURES[name](registrar, {'a': corridor}, seed=1))
 
 
