@@ -99,11 +99,13 @@ def _caption(rows: list[Row], drawn: list[Positives]) -> str:
         return f'{means[0]:.2f} pair-wise, {means[1]:.2f} group-wise'
 
     names = ', '.join(sorted({p.place.sequence for p in drawn}))
+    neighbors = [len(p.place.scans) - 1 for p in drawn]
     several = rows[0]['change'] is not None
     change = f' Change from batch to batch (total variation): {both("change")}.' * several
     return (
         f'Ranges of positives to two sensors that see them; {names}, batches of '
-        f'{BATCH} centre scans (colours). Lines: equation 2 at the distance b of each pair and '
+        f'{BATCH} centre scans (colours) with {min(neighbors)} to {max(neighbors)} neighbours '
+        '(paper: 6). Lines: equation 2 at the distance b of each pair and '
         'the median h of its spots. Grey, sideways: distribution at one range. One range tells of '
         f'the other, within a pair or the groups of a centre: {both("bits")} (bits). Within '
         f'{ON_CURVE:g} m of the curve: {both("on_curve")} (share).{change}'

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int64
 from scipy.spatial import cKDTree
 
 from gcl_core.data.sequence import Sequence
@@ -44,12 +44,13 @@ class Drift:
     Attributes:
         range: from each observation to its sensor, metres.
         drift: distance of its feature from the finest one of its spot.
-        unrelated: the same between features of different spots, median.
+        unrelated: the same from the finest one of another spot, which has an observation in the
+            same ring of range.
     """
 
     range: Float[np.ndarray, ' n']
     drift: Float[np.ndarray, ' n']
-    unrelated: float
+    unrelated: Float[np.ndarray, ' n']
 
 
 def drift_figure(
@@ -99,12 +100,22 @@ def measure(
         others[spots.finest.numpy()] = False
         ranges.append(spots.sensor_range.numpy()[others])
         drifts.append(moved[others])
-        own = descriptors[spots.member[spots.finest]]
-        shuffled = own[torch.from_numpy(rng.permutation(len(own)))]
-        unrelated.append((own - shuffled).norm(dim=1).numpy())
-    return Drift(
-        np.concatenate(ranges), np.concatenate(drifts), float(np.median(np.concatenate(unrelated)))
-    )
+        kept = torch.from_numpy(others)
+        finest = spots.member[spots.finest][spots.group[kept]]
+        stranger = finest[torch.from_numpy(shuffled_within_rings(ranges[-1], rng))]
+        away = descriptors[spots.member[kept]] - descriptors[stranger]
+        unrelated.append(away.norm(dim=1).numpy())
+    return Drift(np.concatenate(ranges), np.concatenate(drifts), np.concatenate(unrelated))
+
+
+def shuffled_within_rings(
+    ranges: Float[np.ndarray, ' n'], rng: np.random.Generator
+) -> Int64[np.ndarray, ' n']:
+    """Permute rows so that each stays in its ring of range."""
+    ring = np.digitize(ranges, EDGES)
+    permuted = np.empty(len(ranges), np.int64)
+    permuted[np.argsort(ring, kind='stable')] = np.lexsort((rng.random(len(ranges)), ring))
+    return permuted
 
 
 def at(features: Features, points: Float[torch.Tensor, 'n 3']) -> Float[torch.Tensor, 'n d']:
@@ -120,9 +131,11 @@ def _rows(name: str, found: Drift) -> list[Row]:
     """
     rows = []
     for low, high in [WHOLE, *pairwise(EDGES)]:
-        inside = found.drift[(found.range >= low) & (found.range < high)]
+        chosen = (found.range >= low) & (found.range < high)
+        inside = found.drift[chosen]
         if len(inside) < FEWEST:
             continue
+        unrelated = float(np.median(found.unrelated[chosen]))
         q25, median, q75 = np.percentile(inside, [25, 50, 75])
         rows.append(
             {
@@ -135,8 +148,8 @@ def _rows(name: str, found: Drift) -> list[Row]:
                 'q25': round(float(q25), 4),
                 'median': round(float(median), 4),
                 'q75': round(float(q75), 4),
-                'unrelated': round(found.unrelated, 4),
-                'relative': round(float(median) / found.unrelated, 4),
+                'unrelated': round(unrelated, 4),
+                'relative': round(float(median) / unrelated, 4),
             }
         )
     return rows
@@ -145,11 +158,13 @@ def _rows(name: str, found: Drift) -> list[Row]:
 def _caption(
     places: list[Neighborhood], groups: list[PositiveGroups], measured: dict[str, Drift]
 ) -> str:
-    medians = {name: float(np.median(found.drift)) for name, found in measured.items()}
+    medians = {
+        name: (np.median(found.drift), np.median(found.unrelated))
+        for name, found in measured.items()
+    }
     said = ', '.join(
-        f'{name} {median:.2f} of {measured[name].unrelated:.2f} '
-        f'({median / measured[name].unrelated:.2f})'
-        for name, median in medians.items()
+        f'{name} {drift:.2f} of {unrelated:.2f} ({drift / unrelated:.2f})'
+        for name, (drift, unrelated) in medians.items()
     )
     names = ', '.join(sorted({place.sequence for place in places}))
     return (
@@ -157,8 +172,8 @@ def _caption(
         f'same spot; {sum(map(len, groups))} spots around {len(places)} scans of {names}. Left: '
         'all observations but the nearest. Features that lie close together altogether drift '
         'little and tell little: so right, median and quartiles over range, in units of the '
-        'median distance between unrelated spots, where 1 means that nothing is recognised. '
-        f'Median drift of that between unrelated spots (ratio): {said}.'
+        'median distance from unrelated spots at the same range, where 1 means that nothing is '
+        f'recognised. Median drift of that between unrelated spots (ratio): {said}.'
     )
 
 
@@ -170,7 +185,7 @@ def _draw(measured: dict[str, Drift], rows: list[Row], rng: np.random.Generator)
         own = [r for r in rows if r['method'] == name and (r['lo_m'], r['hi_m']) != WHOLE]
         middle = [(row['lo_m'] + row['hi_m']) / 2 for row in own]
         low, median, high = (
-            [row[key] / found.unrelated for row in own] for key in ('q25', 'median', 'q75')
+            [row[key] / row['unrelated'] for row in own] for key in ('q25', 'median', 'q75')
         )
         curve.plot(middle, median, color=COLORS[name], marker='o', ms=4, label=name)
         curve.fill_between(middle, low, high, color=COLORS[name], alpha=0.15, linewidth=0)
@@ -195,4 +210,5 @@ def _violin(axes: Any, place: int, found: Drift, color: str, rng: np.random.Gene
     label = None if place else 'quartiles'
     axes.hlines(quartiles, place - half, place + half, color=color, linewidth=2, label=label)
     label = None if place else 'between unrelated spots'
-    axes.plot(place, found.unrelated, '*', color=color, mec='black', mew=0.5, ms=11, label=label)
+    star = np.median(found.unrelated)
+    axes.plot(place, star, '*', color=color, mec='black', mew=0.5, ms=11, label=label)
