@@ -3,7 +3,8 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: install demo test lint type bench-engine clean
+.PHONY: install browser demo test lint type bench bench-engine bench-registration bench-age bench-fuzz \
+	soak audit clean
 
 install: $(VENV)/installed
 
@@ -17,8 +18,11 @@ $(VENV)/installed: setup.py constraints.txt
 demo: install
 	$(BIN)/python -m gcl_ros.demo --out build/demo
 
-test: install
+test: install browser
 	$(BIN)/python -m pytest
+
+browser:  # the report is opened in it
+	sh .ci/debian-packages test
 
 lint: install
 	$(BIN)/ruff check . && $(BIN)/ruff format --check .
@@ -26,11 +30,42 @@ lint: install
 type: install
 	$(BIN)/mypy gcl_core
 
+# Run it when nothing else runs: make bench DATA=folder of recorded drives in KITTI's layout.
+bench: install
+	test -d build/kiss || $(BIN)/pip install -q --disable-pip-version-check --no-deps \
+		--target build/kiss kiss-matcher
+	PYTHONPATH=build/kiss $(BIN)/python -m gcl_core.bench.results $(if $(DATA),--data $(DATA))
+
 # Run it when nothing else runs.  spconv goes to a folder of its own, for this comparison only.
 bench-engine: install
 	test -d build/spconv || $(BIN)/pip install -q --disable-pip-version-check --no-deps \
 		--target build/spconv spconv cumm pccm ccimport pybind11 fire termcolor lark portalocker ninja
 	PYTHONPATH=build/spconv $(BIN)/python -m gcl_core.bench.engine --out bench/engine.json
+
+# Run it when nothing else runs.
+bench-registration: install
+	$(BIN)/python -m gcl_core.bench.registration --out bench/registration.json
+
+# Likewise; MINUTES=30 for the memory of a long run.
+bench-age: install
+	$(BIN)/python -m gcl_ros.bench_age --out build/age --minutes $(or $(MINUTES),1)
+
+# 100,000 hostile inputs to every reader; a quarter of an hour.  atheris, which looks for inputs that
+# reach new code, goes to a folder of its own; where it has no wheel, inputs are broken blindly.
+bench-fuzz: install
+	test -d build/atheris || $(BIN)/pip install -q --disable-pip-version-check --no-deps \
+		--only-binary :all: --target build/atheris atheris || echo "no atheris: without coverage"
+	PYTHONPATH=build/atheris $(BIN)/python -m gcl_ros.fuzz --inputs 100000 --out bench/fuzz.json
+
+# The node over real DDS while everything around it goes wrong: `make soak MINUTES=3` is what CI runs.
+soak: install
+	$(BIN)/python -m gcl_ros.soak --minutes $(or $(MINUTES),60)
+
+# Licences of what is installed, and known vulnerabilities by pip-audit, in a folder of its own.
+audit: install
+	test -d build/audit || $(BIN)/pip install -q --disable-pip-version-check \
+		--target build/audit pip-audit
+	PYTHONPATH=build/audit $(BIN)/python -m gcl_ros.audit
 
 clean:
 	rm -rf $(VENV) build install log *.egg-info

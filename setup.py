@@ -28,7 +28,11 @@ setup(
     maintainer_email='gcl-ros@users.noreply.github.com',
     python_requires='>=3.10',
     packages=find_packages(include=['gcl_core*', 'gcl_ros*']),
-    package_data={'gcl_core.models': ['weights/*'], 'gcl_core.ops.native': ['*.cpp']},
+    package_data={
+        'gcl_core.models': ['weights/*'],
+        'gcl_core.ops.native': ['*.cpp'],
+        'gcl_core.evaluation': ['published.yaml', 'page/*.js', 'page/*.css'],
+    },
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml']),
@@ -48,7 +52,7 @@ setup(
         'jaxtyping>=0.2.28',
         'matplotlib>=3.7',
         'tqdm>=4.60',
-        'rosbags>=0.10.6',
+        'rosbags>=0.11',
     ],
     extras_require={
         # rclpy from PyPI, for machines without a ROS 2 installation
@@ -67,7 +71,8 @@ setup(
             'catkin-pkg',
         ],
         'train': ['tensorboard'],
-        'kiss': ['kiss-matcher>=1.0'],  # one more estimator, for comparison
+        'kiss': ['kiss-matcher>=1.0'],  # one more estimator and peer, for comparison
+        'rerun': ['rerun-sdk>=0.20'],  # recordings to look around in: gcl register --rerun
         'dev': ['ruff', 'mypy', 'types-PyYAML'],
     },
     entry_points={

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
@@ -34,10 +34,9 @@ from gcl_core.models import zoo
 from gcl_core.ops.native.kernels import kernels_for
 from gcl_core.types import Features, PointCloud, Registration
 
-BEARABLE_YAW = np.deg2rad(40.0)  # between two scans; trained with up to 25 degrees on each
 FEWEST_KEY_POINTS = 100  # anything fits a handful of points
 SHIPPED = f'{zoo.DEFAULT}.calibration.json'
-TURN_MARGIN = np.deg2rad(25.0)  # beyond half a turn step, headings are another turn's business
+TURN_MARGIN = 0.6  # of what weights bear: beyond it, headings are another turn's business
 
 
 @dataclass(frozen=True)
@@ -48,8 +47,11 @@ class RegistrarConfig:
         weights: a shipped name or a file.
         precision: of the network: `bfloat16`, `float32`, or `auto`: bfloat16 where the processor
             multiplies it natively.
-        turns: headings at which the source is described. The shipped weights bear about 40
-            degrees between two vehicles: 1 is for vehicles that face the same way, 6 for any.
+        turns: headings at which the source is described. The shipped weights bear about 16
+            degrees between two scans: 12 find any heading, 1 is for vehicles that face the same
+            way.
+        first_turns: headings that are tried first, the others only if nothing is accepted. Where
+            both scans agree on the direction of the street, 4 are enough.
         min_probability: of being right (within 0.6 m and 1.5 degrees) for a transform to be
             accepted.
         match: features to correspondences.
@@ -60,7 +62,8 @@ class RegistrarConfig:
 
     weights: str = zoo.DEFAULT
     precision: Literal['auto', 'bfloat16', 'float32'] = 'auto'
-    turns: int = 6
+    turns: int = 12
+    first_turns: int = 4
     min_probability: float = 0.9
     match: MatchConfig = field(default_factory=MatchConfig)
     estimator: EstimatorConfig = field(default_factory=EstimatorConfig)
@@ -68,11 +71,18 @@ class RegistrarConfig:
     refine: RefineConfig = field(default_factory=RefineConfig)
 
     def __post_init__(self) -> None:
-        if self.turns < 1:
-            raise GclError(f'turns is {self.turns}; it must be at least 1')
+        for name in ('turns', 'first_turns'):
+            if getattr(self, name) < 1:
+                raise GclError(f'{name} is {getattr(self, name)}; it must be at least 1')
         zoo.dtype_named(self.precision)
         if not 0 <= self.min_probability <= 1:
             raise GclError(f'min_probability is {self.min_probability}; it must lie in [0, 1]')
+
+    @property
+    def looks(self) -> tuple[int, ...]:
+        """Headings to describe the source at, again with more while nothing is accepted."""
+        few = (self.first_turns,) if self.first_turns < self.turns else ()
+        return (*few, self.turns)
 
 
 @dataclass(frozen=True)
@@ -80,21 +90,18 @@ class View:
     """One scan, ready to be registered to others; made once per scan.
 
     Attributes:
+        T_view_lidar: turns the scan to its street; all else is in the frame that it leads to.
         headings: features in the frames turned by `turns`.
-        turns: T_turned_lidar of each heading; the first is the identity.
+        turns: T_turned_view of each heading; the identity alone where it is a target.
         surface: for checks.
         prepared: for refinement.
     """
 
+    T_view_lidar: Float[np.ndarray, '4 4']
     headings: list[Features]
     turns: Float[torch.Tensor, 'turns 4 4']
     surface: Surface
     prepared: Prepared
-
-
-def max_heading(turns: int) -> float:
-    """Largest heading of a transform that is searched for at each of so many turns, radians."""
-    return float(min(np.pi / turns, BEARABLE_YAW) + TURN_MARGIN)
 
 
 def calibration_file(weights: str) -> Path:
@@ -119,15 +126,29 @@ class Registrar:
         kernels = 'compiled kernels' if kernels_for(torch.empty(0, dtype=self.model.dtype)) else ''
         return f'{str(self.model.dtype).split(".")[1]}, {kernels or "plain torch"}'
 
-    def view(self, cloud: PointCloud, *, turns: int = 1) -> View:
+    def max_heading(self, turns: int) -> float:
+        """Largest heading that is searched for at each of so many turns, radians."""
+        bearable = np.deg2rad(self.model.config.max_yaw_deg)
+        return float(min(np.pi / turns, bearable) + TURN_MARGIN * bearable)
+
+    def view(self, cloud: PointCloud, *, turns: int = 1, yaw: float = 0.0) -> View:
         """Describe a scan at evenly spaced headings, and prepare it for checks and refinement.
+
+        Args:
+            cloud: the scan.
+            turns: how many headings.
+            yaw: of the first turn, radians: where the target's view is known to be turned so
+                against this one's, one heading is enough.
 
         Raises:
             GclError: no point lies within the network's range.
         """
-        matrices = [se3.from_xyz_rpy(yaw=2 * np.pi * k / turns) for k in range(turns)]
+        T_view_lidar = self.model.facing(cloud)
+        cloud = PointCloud(se3.transform(T_view_lidar, cloud.points))
+        matrices = [se3.from_xyz_rpy(yaw=yaw + 2 * np.pi * k / turns) for k in range(turns)]
         turned = [PointCloud(se3.transform(T, cloud.points)) for T in matrices]
         return View(
+            T_view_lidar=T_view_lidar,
             headings=[self.model.describe([c])[0] for c in turned],
             turns=torch.from_numpy(np.stack(matrices)),
             surface=surface(cloud),
@@ -140,11 +161,16 @@ class Registrar:
         Raises:
             GclError: a cloud has no point within the network's range.
         """
-        watch = Stopwatch()
-        with watch('describe'):
-            views = {'target': self.view(target)}
-            views['source'] = self.view(source, turns=self.config.turns)
-        return self.register_views(**views, watch=watch)
+        watch, seen = Stopwatch(), None
+        for turns in self.config.looks:
+            with watch('describe'):
+                seen = seen or self.view(target)
+                yaw = se3.yaw(seen.T_view_lidar @ se3.inverse(self.model.facing(source)))
+                view = self.view(source, turns=turns, yaw=yaw if self.config.turns == 1 else 0.0)
+            result = self.register_views(source=view, target=seen, watch=watch)
+            if result.accepted:
+                break
+        return result
 
     def register_views(
         self, *, source: View, target: View, watch: Stopwatch | None = None
@@ -165,26 +191,27 @@ class Registrar:
             finalists = self.finalists(hypotheses, odds, scene, source=source, target=target)
         winner, columns = summary(finalists, self.calibration)
         probability = float(self.calibration.trust.log_odds(columns).sigmoid())
-        return self._verdict(winner, probability, offered, watch)
+        result = self._verdict(winner, probability, offered, watch)
+        return between_lidars(result, source=source, target=target)
 
     def search(
         self, *, source: View, target: View, watch: Stopwatch
     ) -> tuple[list[Hypothesis], int]:
         """Match and estimate at every heading.
 
-        Returns the best distinct hypotheses in the source's own frame, most support first, and
-        how many correspondences there were at all headings.
+        Returns the best distinct hypotheses between the views, most support first, and how many
+        correspondences there were at all headings.
         """
         config = self.config
-        max_yaw = max_heading(len(source.headings))
+        max_yaw = self.max_heading(len(source.headings))
         found, offered = [], 0
-        for features, T_turned_lidar in zip(source.headings, source.turns):
+        for features, T_turned_view in zip(source.headings, source.turns):
             with watch('match'):
                 matches = match(source=features, target=target.headings[0], config=config.match)
             offered += len(matches)
             with watch('estimate'):
                 for h in estimate(matches, config.estimator, max_yaw=max_yaw):
-                    T = h.T_target_source @ T_turned_lidar
+                    T = h.T_target_source @ T_turned_view
                     found.append(Hypothesis(T, h.score, h.inliers))
         return ranked(found, config.verify.hypotheses), offered
 
@@ -211,7 +238,7 @@ class Registrar:
         config = self.config
         return refine_finalists(
             hypotheses,
-            odds.argsort(descending=True)[: config.verify.finalists].tolist(),
+            odds,
             scene,
             source=source.prepared,
             target=target.prepared,
@@ -226,7 +253,7 @@ class Registrar:
         reason = ''
         if winner.refined.walked:
             reason = 'refinement left the place that the correspondences support'
-        elif probability < self.config.min_probability:
+        elif not probability >= self.config.min_probability:  # nor is nan enough
             reason = f'probability {probability:.3f}, {self.config.min_probability:g} needed'
         spread = self.calibration.spread
         return Registration(
@@ -241,6 +268,20 @@ class Registrar:
             if winner.refined.walked
             else spread.covariance(winner.refined.information),
         )
+
+
+def between_lidars(result: Registration, *, source: View, target: View) -> Registration:
+    """A registration of views as one of the scans that they were made from."""
+    T_lidar_view = se3.inverse(target.T_view_lidar)
+    T, covariance = result.T_target_source, result.covariance
+    if covariance is not None:
+        turn = np.kron(np.eye(2), T_lidar_view[:3, :3])
+        covariance = turn @ covariance @ turn.T
+    return replace(
+        result,
+        T_target_source=None if T is None else T_lidar_view @ T @ source.T_view_lidar,
+        covariance=covariance,
+    )
 
 
 class Stopwatch:

@@ -16,6 +16,12 @@ class Answers:
         self._lock = threading.Lock()
         self._waiting: list[tuple[Future, set[str], dict[str, tuple[bool, str]]]] = []
 
+    @property
+    def waiting(self) -> int:
+        """How many callers wait."""
+        with self._lock:
+            return len(self._waiting)
+
     def expect(self, sources: Sequence[str], executor: Any) -> Future:
         """A future of (success of any, text) once each source has had an outcome.
 

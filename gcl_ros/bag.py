@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
+import sqlite3
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, Literal
 
 import numpy as np
-import yaml
 from jaxtyping import Float
-from rosbags.rosbag2 import Reader, ReaderError, StoragePlugin, Writer
-from rosbags.typesys import Stores, get_typestore
+from rosbags.rosbag2 import StoragePlugin, Writer
 
 from gcl_core import se3
 from gcl_core.data.sequence import Sequence, positions
 from gcl_core.errors import GclError
 from gcl_core.types import PointCloud
+from gcl_ros.bag_reader import message_types, open_bag
 from gcl_ros.conversions import (
     fill_point_cloud2,
     fill_transform,
@@ -26,8 +26,8 @@ from gcl_ros.conversions import (
     seconds,
 )
 
-STORE = Stores.ROS2_HUMBLE  # the messages used here are the same from Humble to Kilted
 VERSION = 8  # of the metadata; Humble to Iron cannot read 9
+CLOUD, TRANSFORM = 'sensor_msgs/msg/PointCloud2', 'geometry_msgs/msg/TransformStamped'
 SOURCE, TARGET, TRUTH = '/source/points', '/target/points', '/truth/transform'
 PAIR_LIST = 'gcl_pair_list'  # key of the metadata's custom data
 FRAMES = {'source': 'source/lidar', 'target': 'target/lidar'}
@@ -99,31 +99,43 @@ def write_bag(
 ) -> int:
     """Write encounters; return how many. The bag keeps the label of its pair list.
 
+    It is written beside its place and moved there once it is whole.
+
     Raises:
-        GclError: the folder exists already.
+        GclError: the folder exists already, or there is no room.
     """
     if path.exists():
         raise GclError(f'{path} exists already; remove it or choose another name')
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with TemporaryDirectory(prefix='.unfinished_', dir=path.parent) as folder:
+            count = _write(Path(folder) / path.name, encounters, storage, pair_list)
+            (Path(folder) / path.name).rename(path)
+    except (OSError, sqlite3.Error) as error:
+        raise GclError(f'cannot write bag {path}: {error}; make room and write it anew') from None
+    return count
+
+
+def _write(path: Path, encounters: Iterable[Encounter], storage: str, pair_list: str) -> int:
     plugin = StoragePlugin.MCAP if storage == 'mcap' else StoragePlugin.SQLITE3
-    types = get_typestore(STORE)
-    cloud, transform = 'sensor_msgs/msg/PointCloud2', 'geometry_msgs/msg/TransformStamped'
+    types = message_types()
     count = 0
     with Writer(path, version=VERSION, storage_plugin=plugin) as writer:
         topics = {
             name: writer.add_connection(name, kind, typestore=types)
-            for name, kind in ((SOURCE, cloud), (TARGET, cloud), (TRUTH, transform))
+            for name, kind in ((SOURCE, CLOUD), (TARGET, CLOUD), (TRUTH, TRANSFORM))
         }
         writer.set_custom_data(PAIR_LIST, pair_list)
         for encounter in encounters:
             stamp = round(encounter.stamp * 1e9)
-            for topic, message in _messages(types, encounter, stamp):
+            for topic, message in encounter_messages(types, encounter, stamp):
                 data = types.serialize_cdr(message, message.__msgtype__)
                 writer.write(topics[topic], stamp, data)
             count += 1
     return count
 
 
-def _messages(types: Any, encounter: Encounter, stamp: int) -> Iterator[tuple[str, Any]]:
+def encounter_messages(types: Any, encounter: Encounter, stamp: int) -> Iterator[tuple[str, Any]]:
     """The three messages of an encounter, truth first."""
     t = types.types
     header = lambda frame: t['std_msgs/msg/Header'](  # noqa: E731
@@ -166,14 +178,15 @@ def read_encounters(path: Path) -> Iterator[Encounter]:
     Raises:
         GclError: the bag is missing or damaged, or lacks a topic.
     """
-    types = get_typestore(STORE)
     waiting: dict[str, Any] = {}
-    with open_bag(path) as reader:
-        missing = {SOURCE, TARGET, TRUTH} - set(reader.topics)
+    kinds = {SOURCE: CLOUD, TARGET: CLOUD, TRUTH: TRANSFORM}
+    with open_bag(path) as bag:
+        found = [c for c in bag.connections if kinds.get(c.topic) == c.msgtype]
+        missing = set(kinds) - {c.topic for c in found}
         if missing:
             raise GclError(f'bag {path} lacks {", ".join(sorted(missing))}; write it with gcl bag')
-        for connection, _, raw in reader.messages():
-            waiting[connection.topic] = types.deserialize_cdr(raw, connection.msgtype)
+        for connection, _, message in bag.messages(found):
+            waiting[connection.topic] = message
             if len(waiting) == 3:
                 yield Encounter(
                     seconds(waiting[TRUTH].header.stamp),
@@ -190,21 +203,8 @@ def pair_list_label(path: Path) -> str:
     Raises:
         GclError: the bag is missing or damaged.
     """
-    with open_bag(path):
-        metadata = yaml.safe_load((path / 'metadata.yaml').read_text())
-    custom = metadata['rosbag2_bagfile_information'].get('custom_data') or {}
-    return str(custom.get(PAIR_LIST, 'unlisted pairs'))
-
-
-@contextmanager
-def open_bag(path: Path) -> Iterator[Reader]:
-    """Open a rosbag2 folder.
-
-    Raises:
-        GclError: missing or damaged.
-    """
-    try:
-        with Reader(path) as reader:
-            yield reader
-    except (ReaderError, OSError) as error:
-        raise GclError(f'cannot read bag {path}: {error}') from None
+    with open_bag(path) as bag:
+        label = (bag.custom or {}).get(PAIR_LIST, 'unlisted pairs')
+    if not isinstance(label, str):
+        raise GclError(f'bag {path}: {PAIR_LIST} in metadata.yaml is no text; write the bag anew')
+    return label

@@ -5,15 +5,14 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from rosbags.typesys import get_typestore
 
 from gcl_core import se3
 from gcl_core.data.pairs import BINS
-from gcl_ros.bag import SOURCE, STORE, TARGET, TRUTH, open_bag, pair_list_label
-from gcl_ros.bag_sequence import CLOUD, POSES
+from gcl_ros.bag import CLOUD, SOURCE, TARGET, TRUTH, pair_list_label
+from gcl_ros.bag_reader import open_bag
+from gcl_ros.bag_sequence import POSES
 from gcl_ros.conversions import matrix, seconds
 
 READ = {CLOUD, *POSES}  # types whose headers are looked at
@@ -25,18 +24,18 @@ def summary(path: Path) -> str:
     Raises:
         GclError: missing or damaged.
     """
-    types = get_typestore(STORE)
     stamps: dict[str, list[float]] = defaultdict(list)
     frames: dict[str, set[str]] = defaultdict(set)
     points: dict[str, list[int]] = defaultdict(list)
     truths = []
-    with open_bag(path) as reader:
-        kinds = {c.topic: c.msgtype for c in reader.connections}
-        counts = {name: info.msgcount for name, info in reader.topics.items()}
-        head = f'{path}: {reader.message_count} messages, {reader.duration * 1e-9:.1f} s'
-        looked_at = [c for c in reader.connections if c.msgtype in READ]
-        for connection, _, raw in reader.messages(looked_at) if looked_at else ():
-            message: Any = types.deserialize_cdr(raw, connection.msgtype)
+    with open_bag(path) as bag:
+        kinds = {c.topic: c.msgtype for c in bag.connections}
+        counts = {c.topic: 0 for c in bag.connections}
+        for c in bag.connections:
+            counts[c.topic] += c.msgcount
+        head = f'{path}: {bag.message_count} messages, {bag.duration * 1e-9:.1f} s'
+        looked_at = [c for c in bag.connections if c.msgtype in READ]
+        for connection, _, message in bag.messages(looked_at):
             stamps[connection.topic].append(seconds(message.header.stamp))
             frames[connection.topic].add(message.header.frame_id)
             if connection.msgtype == CLOUD:

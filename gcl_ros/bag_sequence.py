@@ -8,17 +8,16 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float
-from rosbags.typesys import get_typestore
 from scipy.spatial.transform import Rotation, Slerp
 
 from gcl_core import se3
 from gcl_core.errors import GclError
 from gcl_core.types import PointCloud
-from gcl_ros.bag import STORE, open_bag
+from gcl_ros.bag import CLOUD
+from gcl_ros.bag_reader import Bag, open_bag
 from gcl_ros.conversions import matrix, point_cloud, pose_matrix, seconds
 
-CLOUD = 'sensor_msgs/msg/PointCloud2'
-STATIC = '/tf_static'
+STATIC, TRANSFORMS = '/tf_static', 'tf2_msgs/msg/TFMessage'
 MAX_GAP = 0.5  # seconds between the two poses that a scan's pose is interpolated from
 
 
@@ -90,7 +89,7 @@ class BagSequence:
     ) -> None:
         path = path.resolve().parent if path.is_file() else path
         self.name = f'bag/{path.resolve().name}'
-        self._path, self._types = path, get_typestore(STORE)
+        self._path = path
         self._topic = self._choose(topic, (CLOUD,), 'topic of clouds')
         self._pose_topic, self._T_child_lidar = pose_topic, T_child_lidar
         self._frame, self._index = self._read_index()
@@ -102,12 +101,11 @@ class BagSequence:
     def scan(self, index: int) -> PointCloud:
         """Read one cloud, in its own frame."""
         _, written, place = self._index[index]
-        with open_bag(self._path) as reader:
-            connections = [c for c in reader.connections if c.topic == self._topic]
-            same = reader.messages(connections, start=written, stop=written + 1)
-            for number, (connection, _, raw) in enumerate(same):
+        with open_bag(self._path) as bag:
+            same = bag.messages(self._of(bag, self._topic), start=written, stop=written + 1)
+            for number, (_, _, message) in enumerate(same):
                 if number == place:
-                    return point_cloud(self._types.deserialize_cdr(raw, connection.msgtype))
+                    return point_cloud(message)
         raise GclError(f'bag {self._path} has changed since it was opened')
 
     def T_world_lidar(self, index: int) -> Float[np.ndarray, '4 4']:
@@ -129,8 +127,8 @@ class BagSequence:
 
     def _choose(self, wanted: str | None, kinds: tuple[str, ...], what: str) -> str:
         """The wanted topic, or the only one of these types."""
-        with open_bag(self._path) as reader:
-            found = sorted({c.topic for c in reader.connections if c.msgtype in kinds})
+        with open_bag(self._path) as bag:
+            found = sorted({c.topic for c in bag.connections if c.msgtype in kinds})
         if wanted in found:
             return str(wanted)
         if wanted is None and len(found) == 1:
@@ -139,26 +137,23 @@ class BagSequence:
         ask = f'has no {what} {wanted}' if wanted else f'needs one {what}, name it'
         raise GclError(f'bag {self._path} {ask}; it has {known}')
 
-    def _messages(self, topic: str) -> list[tuple[int, Any]]:
-        """Time of writing in nanoseconds, and message, of a small topic."""
-        with open_bag(self._path) as reader:
-            connections = [c for c in reader.connections if c.topic == topic]
-            return (
-                [
-                    (written, self._types.deserialize_cdr(raw, connection.msgtype))
-                    for connection, written, raw in reader.messages(connections)
-                ]
-                if connections
-                else []
-            )
+    @staticmethod
+    def _of(bag: Bag, topic: str) -> list[Any]:
+        """Connections of a topic, of the types that are read here."""
+        kinds = (CLOUD, TRANSFORMS, *POSES)
+        return [c for c in bag.connections if c.topic == topic and c.msgtype in kinds]
+
+    def _messages(self, topic: str) -> list[Any]:
+        """Messages of a small topic."""
+        with open_bag(self._path) as bag:
+            return [message for _, _, message in bag.messages(self._of(bag, topic))]
 
     def _read_index(self) -> tuple[str, list[tuple[float, int, int]]]:
         """Frame of the clouds; stamp, time of writing, place among those written then, of each."""
         index, frames, place, previous = [], set(), 0, -1
-        with open_bag(self._path) as reader:
-            connections = [c for c in reader.connections if c.topic == self._topic]
-            for connection, written, raw in reader.messages(connections):
-                header = self._types.deserialize_cdr(raw, connection.msgtype).header
+        with open_bag(self._path) as bag:
+            for _, written, message in bag.messages(self._of(bag, self._topic)):
+                header = message.header
                 place = place + 1 if written == previous else 0
                 previous = written
                 index.append((seconds(header.stamp), written, place))
@@ -173,7 +168,7 @@ class BagSequence:
     def _read_track(self) -> Track:
         topic = self._choose(self._pose_topic, tuple(POSES), 'topic of poses')
         rows = []
-        for _, message in self._messages(topic):
+        for message in self._messages(topic):
             child, T = POSES[message.__msgtype__](message)
             rows.append((seconds(message.header.stamp), child, T))
         if not rows:
@@ -191,7 +186,7 @@ class BagSequence:
             return np.eye(4)
         above = {
             t.child_frame_id: (t.header.frame_id, matrix(t.transform))
-            for _, message in self._messages(STATIC)
+            for message in self._messages(STATIC)
             for t in message.transforms
         }
         chains = []

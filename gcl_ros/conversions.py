@@ -145,7 +145,7 @@ def fill_transform(message: Any, T: np.ndarray) -> Any:
 
 
 def matrix(message: Any) -> np.ndarray:
-    """4x4 matrix of a `geometry_msgs/Transform`."""
+    """4x4 matrix of a `geometry_msgs/Transform`; a GclError if it is none."""
     return _rigid(message.rotation, message.translation)
 
 
@@ -156,7 +156,7 @@ def fill_pose(message: Any, T: np.ndarray) -> Any:
 
 
 def pose_matrix(message: Any) -> np.ndarray:
-    """4x4 matrix of a `geometry_msgs/Pose`."""
+    """4x4 matrix of a `geometry_msgs/Pose`; a GclError if it is none."""
     return _rigid(message.orientation, message.position)
 
 
@@ -166,9 +166,10 @@ def _fill(place: Any, turn: Any, T: np.ndarray) -> None:
 
 
 def _rigid(q: Any, t: Any) -> np.ndarray:
-    return se3.from_rotation_translation(
-        se3.from_quaternion(q.x, q.y, q.z, q.w), np.array([t.x, t.y, t.z])
-    )
+    numbers = np.array([q.x, q.y, q.z, q.w, t.x, t.y, t.z])
+    if not (np.isfinite(numbers).all() and 0.9 < np.linalg.norm(numbers[:4]) < 1.1):
+        raise GclError(f'{numbers.tolist()} (x y z w, x y z) is no pose; check who sends it')
+    return se3.from_rotation_translation(se3.from_quaternion(*numbers[:4]), numbers[4:])
 
 
 def seconds(stamp: Any) -> float:

@@ -2,7 +2,7 @@
 
 Subscribes: `points` (sensor_msgs/PointCloud2).
 Publishes: `features` (sensor_msgs/PointCloud2, see `gcl_ros.feature_cloud`), with the header of
-    the scan: 38 kB at 1,000 key points, where the scan has 2 MB. A `registrar` takes them in
+    the scan: 40 kB at 1,000 key points, where the scan has 2 MB. A `registrar` takes them in
     place of the points. `/diagnostics`.
 """
 
@@ -16,16 +16,15 @@ import rclpy
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import PointCloud2, PointField
 
-from gcl_core import se3
 from gcl_core.errors import GclError
 from gcl_core.models import zoo
 from gcl_core.models.backbone import Backbone
-from gcl_core.types import PointCloud
 from gcl_ros import health, transport
 from gcl_ros.conversions import point_cloud
 from gcl_ros.diagnostics import Diagnostics, Report
-from gcl_ros.feature_cloud import fill_feature_cloud, turns_of, weights_hash
+from gcl_ros.feature_cloud import describe, fill_feature_cloud, weights_hash
 from gcl_ros.lifecycle import ConfiguredNode, run
+from gcl_ros.limits import MAX_POINTS, check_limits
 
 
 @dataclass(frozen=True)
@@ -37,11 +36,12 @@ class DescriberConfig:
         weights: a shipped name or a file; the registrar must have the same.
         keypoints: most key points of a scan, spread evenly in space, most above the ground.
         turns: headings at which a scan is described. 1 is enough for a registrar that has the
-            raw points of the other vehicle; where both come described, one side needs 6 unless
-            both face the same way within 40 degrees. Time and size grow with it.
+            raw points of the other vehicle; where both come described, one side needs 4, or 12
+            where streets have no clear direction. Time and size grow with it.
         max_rate: most scans described, in Hz; those in between are skipped.
         reliable: reliable subscription; it does not match best-effort publishers.
         silence: no cloud for this long is a warning in the diagnostics, seconds.
+        max_points: clouds of more points are refused; it bounds memory and time.
     """
 
     autostart: bool = True
@@ -51,9 +51,10 @@ class DescriberConfig:
     max_rate: float = 10.0
     reliable: bool = False
     silence: float = 2.0
+    max_points: int = MAX_POINTS
 
 
-LIVE = ('keypoints', 'turns', 'max_rate', 'silence')
+LIVE = ('keypoints', 'turns', 'max_rate', 'silence', 'max_points')
 
 
 class DescriberNode(ConfiguredNode[DescriberConfig]):
@@ -126,13 +127,11 @@ class DescriberNode(ConfiguredNode[DescriberConfig]):
         }
 
     def _describe(self, message: PointCloud2) -> PointCloud2:
+        check_limits(message, self.config.max_points)
         cloud = point_cloud(message)
-        turned = [
-            PointCloud(se3.transform(turn, cloud.points)) for turn in turns_of(self.config.turns)
-        ]
-        headings = [self._model.describe([scan])[0] for scan in turned]
+        described = describe(self._model, cloud, self.config.turns)
         features = fill_feature_cloud(
-            PointCloud2(), headings, self._hash, self.config.keypoints, PointField
+            PointCloud2(), described, self._hash, self.config.keypoints, PointField
         )
         features.header = message.header
         return features

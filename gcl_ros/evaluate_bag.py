@@ -9,7 +9,6 @@ from __future__ import annotations
 import argparse
 import math
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -19,17 +18,15 @@ from tqdm import tqdm
 from gcl_core.config import load_config
 from gcl_core.data.pairs import BINS, Pair
 from gcl_core.errors import GclError
-from gcl_core.evaluation import peers
-from gcl_core.evaluation.predict import Method, Prediction
+from gcl_core.evaluation.peers import PEERS
+from gcl_core.evaluation.predict import Method, Prediction, timed
 from gcl_core.registrar import Registrar, RegistrarConfig
 from gcl_core.types import PointCloud
 from gcl_ros.bag import Encounter, pair_list_label, read_encounters
-from gcl_ros.exchange import Exchange, Scan
-from gcl_ros.feature_cloud import fill_feature_cloud
+from gcl_ros.exchange import Exchange
+from gcl_ros.feature_cloud import describe, fill_feature_cloud
 from gcl_ros.report import write_report
 from gcl_ros.session import through_node
-
-PEERS: dict[str, Method] = {'fpfh': peers.fpfh_ransac}
 
 
 def _prediction(
@@ -78,10 +75,9 @@ def offline(
     predictions = []
     for i, e in enumerate(tqdm(encounters, unit='pair', desc=', '.join(methods))):
         for name, method in methods.items():
-            began = time.perf_counter()
-            T = method(e.source, e.target)
-            taken = time.perf_counter() - began
-            predictions.append(_prediction(name, bag, i, e.T_target_source, T, taken))
+            o = timed(name, method, e.source, e.target)
+            T, truth = o.T_target_source, e.T_target_source
+            predictions.append(_prediction(name, bag, i, truth, T, o.seconds))
     return predictions
 
 
@@ -89,7 +85,7 @@ def raw(exchange: Exchange) -> Method:
     """Registers two raw clouds."""
 
     def method(source: PointCloud, target: PointCloud) -> np.ndarray | None:
-        result = exchange.register(source=Scan(source), target=Scan(target)).result
+        result = exchange.register(source=exchange.raw(source), target=exchange.raw(target)).result
         return result.T_target_source if result.accepted else None
 
     return method
@@ -99,10 +95,10 @@ def described(exchange: Exchange, keypoints: int) -> Method:
     """Registers a source described with so many key points, as it is sent, to a raw target."""
 
     def method(source: PointCloud, target: PointCloud) -> np.ndarray | None:
-        features = exchange.registrar.model.describe([source])
-        message = PointCloud2()
+        features, message = describe(exchange.registrar.model, source, 1), PointCloud2()
         fill_feature_cloud(message, features, exchange.weights, keypoints, PointField)
-        result = exchange.register(source=exchange.read(message), target=Scan(target)).result
+        scans = {'source': exchange.read(message), 'target': exchange.raw(target)}
+        result = exchange.register(**scans).result
         return result.T_target_source if result.accepted else None
 
     return method
@@ -113,7 +109,7 @@ def run(options: argparse.Namespace) -> None:
     bag, out = options.bag, options.out
     out.mkdir(parents=True, exist_ok=True)
     encounters = list(read_encounters(bag))
-    methods = {name: PEERS[name] for name in options.peers}
+    methods = {name: PEERS[name]() for name in options.peers}
     predictions = []
     config = load_config(RegistrarConfig, options.config) if options.config else RegistrarConfig()
     if options.offline or options.keypoints:
@@ -151,7 +147,7 @@ def main() -> None:
     options = parser.parse_args()
     try:
         run(options)
-    except GclError as error:
+    except (GclError, OSError) as error:
         print(f'evaluate_bag: {error}', file=sys.stderr)
         sys.exit(2)
 

@@ -1,9 +1,11 @@
 """Clouds as they come, raw or described, to a registration: who turns whom, and back.
 
-The weights bear headings within about 40 degrees, so that one of the two scans is described at
-several. Whoever has the points can turn them: the source if it is raw, else the target. Where
-both come described, the side with more headings turns; with one heading each, only vehicles that
-face the same way are found.
+Scans are turned to their streets, but a street runs both ways and may be crossed, so that one of
+the two is described at several headings. Whoever has the points can turn them: the source if it
+is raw, else the target. Where both come described, the side with more headings turns.
+
+Where the heading is known from the last transform, one description of the turned scan is enough;
+more are looked at while nothing is accepted.
 
 Key points of a described scan stand in for its points in the checks and in GICP.
 """
@@ -15,35 +17,20 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import torch
 from jaxtyping import Float
 
 from gcl_core import se3
 from gcl_core.errors import GclError
-from gcl_core.estimation.refine import prepare
-from gcl_core.estimation.surface import surface
-from gcl_core.matching.match import match
-from gcl_core.registrar import Registrar, RegistrarConfig, Stopwatch, View
-from gcl_core.types import Correspondences, Features, PointCloud, Registration
+from gcl_core.evaluation.agreement import agreeing
+from gcl_core.registrar import Registrar, Stopwatch, View
+from gcl_core.types import Correspondences, PointCloud, Registration
 from gcl_ros.conversions import point_cloud
-from gcl_ros.feature_cloud import feature_cloud, is_feature_cloud, turns_of, weights_hash
+from gcl_ros.feature_cloud import feature_cloud, is_feature_cloud, weights_hash
 from gcl_ros.recent import Recent
+from gcl_ros.views import Look, Scan, Views, look_at, scan_of
 
-KEPT = 4  # scans and views that are kept for the next pair
+KEPT = 4  # scans that are kept for the next pair
 FEWEST_POINTS, FEWEST_KEY_POINTS = 1000, 100  # anything fits a handful of points
-
-
-@dataclass(frozen=True)
-class Scan:
-    """One message, read.
-
-    Attributes:
-        cloud: its points, or its key points.
-        headings: features if it came described; empty if raw.
-    """
-
-    cloud: PointCloud
-    headings: tuple[Features, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -55,12 +42,14 @@ class Registered:
         source: view that was taken.
         target: view that was taken.
         swapped: whether the target was turned; `source` is then the target's view.
+        headings: at how many the turned one was looked at.
     """
 
     result: Registration
     source: View
     target: View
     swapped: bool
+    headings: int
 
 
 class Exchange:
@@ -73,7 +62,8 @@ class Exchange:
     def __init__(self, registrar: Registrar) -> None:
         self.registrar = registrar
         self._scans: Recent[Scan] = Recent(KEPT)
-        self._views: Recent[View] = Recent(KEPT)
+        self._views = Views(registrar)
+        self._still_yaw = 0.0  # of the last still scan's view: about that of the next
         self.weights = weights_hash(registrar.model)
 
     def read(
@@ -90,13 +80,16 @@ class Exchange:
         """
         return self._scans.get((message,), lambda: self._scan(message, deskew))
 
+    def raw(self, cloud: PointCloud) -> Scan:
+        """A scan of which there are the points."""
+        return Scan(cloud, self.registrar.model.facing(cloud))
+
     def _scan(self, message: Any, deskew: Callable[[Any], PointCloud | None]) -> Scan:
         if is_feature_cloud(message):
             length = self.registrar.model.config.descriptor
-            headings = tuple(feature_cloud(message, self.weights, length))
-            scan = Scan(PointCloud(headings[0].points.numpy()), headings)
+            scan = scan_of(feature_cloud(message, self.weights, length))
         else:
-            scan = Scan(deskew(message) or point_cloud(message))
+            scan = self.raw(deskew(message) or point_cloud(message))
         fewest = FEWEST_KEY_POINTS if scan.headings else FEWEST_POINTS
         if len(scan.cloud) < fewest:
             raise GclError(
@@ -105,68 +98,92 @@ class Exchange:
             )
         return scan
 
-    def register(self, *, source: Scan, target: Scan) -> Registered:
+    def register(self, *, source: Scan, target: Scan, yaw: float | None = None) -> Registered:
         """Find the transform that maps source points into the target frame.
+
+        Args:
+            source: to be mapped.
+            target: to be mapped into.
+            yaw: heading that the transform should have, radians, where one is known. It only
+                says where to look first: what is found there is judged like anything else.
 
         Raises:
             GclError: a cloud has no point within the network's range.
         """
         watch = Stopwatch()
-        turned_target = bool(source.headings) and (
-            not target.headings or len(target.headings) > len(source.headings)
-        )
-        turned, still = (target, source) if turned_target else (source, target)
-        with watch('describe'):
-            views = (self._view(still, turns=1), self._view(turned))
-        result = self.registrar.register_views(target=views[0], source=views[1], watch=watch)
-        if turned_target:
-            result = inverted(result)
-        return Registered(result, views[1], views[0], turned_target)
+        swapped = turns_target(source=source, target=target)
+        still, turned = (source, target) if swapped else (target, source)
+        self._still_yaw = se3.yaw(still.T_view_lidar)
+        headings = 0
+        for look in self._looks(turned, swapped, yaw):
+            registered = self._at(look, still, turned, swapped, watch)
+            headings += registered.headings
+            if registered.result.accepted:
+                break
+        return replace(registered, headings=headings)
 
-    def _view(self, scan: Scan, *, turns: int | None = None) -> View:
-        """Describe a scan, or take what is known of it: a target serves all its sources."""
-        config = self.registrar.config
-        turns = turns or (len(scan.headings) or config.turns)
-        key = (scan, turns, config)
-        return self._views.get(key, lambda: self._make_view(scan, turns, config))
+    def prepare(self, scan: Scan, *, turned: bool, swapped: bool, yaw: float | None) -> None:
+        """Describe a scan whose partner is about to come.
 
-    def _make_view(self, scan: Scan, turns: int, config: RegistrarConfig) -> View:
-        if not scan.headings:
-            return self.registrar.view(scan.cloud, turns=turns)
-        headings = list(scan.headings)[:turns]
-        matrices = turns_of(len(scan.headings))[:turns]
-        return View(
-            headings=headings,
-            turns=torch.from_numpy(np.stack(matrices)),
-            surface=surface(scan.cloud),
-            prepared=prepare(scan.cloud, config.refine),
-        )
-
-    def agreeing(self, registered: Registered, reach: float = 1.0) -> Correspondences:
-        """Matches that agree with the transform within `reach` metres, in the scans' own frames.
-
-        They are found anew at the heading nearest to the transform's.
+        Args:
+            scan: of either side.
+            turned: whether it is the one that will be turned.
+            swapped: whether that is the target.
+            yaw: as for `register`.
         """
+        if not turned:
+            self._still_yaw = se3.yaw(scan.T_view_lidar)
+        self._views.get(scan, self._looks(scan, swapped, yaw)[0] if turned else Look())
+
+    def close(self) -> None:
+        """End the thread that helps."""
+        self._views.close()
+
+    def _looks(self, turned: Scan, swapped: bool, yaw: float | None) -> list[Look]:
+        """At which headings the turned scan is described, one look after the other."""
+        config = self.registrar.config
+        if config.turns == 1:
+            yaw = 0.0
+        known = []
+        if yaw is not None:
+            between = (-yaw if swapped else yaw) + self._still_yaw - se3.yaw(turned.T_view_lidar)
+            known = [look_at(between)]
+        if config.turns == 1:
+            return known
+        every = [turned.headings] if turned.headings else config.looks
+        return list(dict.fromkeys([*known, *(Look(turns) for turns in every)]))
+
+    def _at(
+        self, look: Look, still: Scan, turned: Scan, swapped: bool, watch: Stopwatch
+    ) -> Registered:
+        with watch('describe'):
+            views = self._views.both(still, turned, look)
+        result = self.registrar.register_views(target=views[0], source=views[1], watch=watch)
+        if swapped:
+            result = inverted(result)
+        return Registered(result, views[1], views[0], swapped, look.turns)
+
+    def agreeing(self, registered: Registered) -> Correspondences:
+        """Matches that agree with the transform within a metre, in the scans' own frames."""
         T = registered.result.T_target_source
         if T is None:
             raise GclError('no transform to agree with')
-        T_still_turned = se3.inverse(T) if registered.swapped else T
-        off = [
-            abs(se3.yaw(T_still_turned @ se3.inverse(t.numpy()))) for t in registered.source.turns
-        ]
-        at = int(np.argmin(off))
-        matches = match(
-            source=registered.source.headings[at],
-            target=registered.target.headings[0],
+        found = agreeing(
+            se3.inverse(T) if registered.swapped else T,
+            source=registered.source,
+            target=registered.target,
             config=self.registrar.config.match,
         )
-        turn = registered.source.turns[at].numpy()
-        own = se3.transform(se3.inverse(turn), matches.source.double().numpy())
-        other = matches.target.double().numpy()
-        close = np.linalg.norm(se3.transform(T_still_turned, own) - other, axis=1) < reach
-        ends = [torch.from_numpy(points[close]) for points in (own, other)]
-        source, target = reversed(ends) if registered.swapped else ends
-        return Correspondences(source, target, matches.weight[torch.from_numpy(close)])
+        if not registered.swapped:
+            return found
+        return Correspondences(found.target, found.source, found.weight)
+
+
+def turns_target(*, source: Scan, target: Scan) -> bool:
+    """Whether it is the target that is turned: the source came described, with fewer headings."""
+    if source.headings == 0:
+        return False
+    return not target.headings or target.headings > source.headings
 
 
 def inverted(result: Registration) -> Registration:

@@ -1,14 +1,16 @@
 """Features of a scan as a PointCloud2: what one vehicle sends to another instead of its points.
 
-Format, version 1. A row (`height`) for each heading that the scan was described at: row k after a
-turn by 2 pi k / height about z. As many key points in each row (`width`). A point has 38 bytes:
+Format, version 2. A row (`height`) for each heading that the scan was described at. As many key
+points in each row (`width`). A point has 40 bytes:
 
     x, y, z     INT16          position in the sensor's frame, in 1/256 m
-    gcl1_HASH   INT8 x 32      descriptor, of unit length when divided by 127
+    turn        INT16          by which the scan was turned about z before it was described, in
+                               1/32768 of half a turn; the same for the whole row
+    gcl2_HASH   INT8 x 32      descriptor, of unit length when divided by 127
 
 The name of the last field tells the format's version and the weights that described the scan, by
 the first 12 digits of a SHA-256 of their values: descriptors of different weights do not match.
-1,000 key points at one heading are 38,000 bytes.
+1,000 key points at one heading are 40,000 bytes.
 """
 
 from __future__ import annotations
@@ -16,7 +18,7 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -27,14 +29,16 @@ from gcl_core.errors import GclError
 from gcl_core.matching.keypoints import spread
 from gcl_core.models.backbone import Backbone
 from gcl_core.ops.ground import height_above_ground
-from gcl_core.types import Features
+from gcl_core.types import Features, PointCloud
 from gcl_ros.conversions import check_size, column
 
-VERSION = 1
+VERSION = 2
 UNIT = 256  # of a metre; int16 reaches 128 m
 SCALE = 127  # of a descriptor
+HALF_TURN = 32768
 RAISED, RAISED_SHARE = 0.5, 0.8  # metres above the ground; of the key points kept
 _INT8, _INT16 = 1, 3  # sensor_msgs/PointField datatypes
+SHORT = ('x', 'y', 'z', 'turn')
 _NAME = re.compile(r'gcl(\d+)_(\w+)')
 
 
@@ -72,36 +76,56 @@ def selected(features: Features, limit: int) -> Features:
     return Features(features.points[rows], features.descriptors[rows])
 
 
-def turns_of(number: int) -> list[np.ndarray]:
-    """T_turned_lidar of so many evenly spaced headings."""
-    return [se3.from_xyz_rpy(yaw=2 * np.pi * k / number) for k in range(number)]
+@dataclass(frozen=True)
+class Described:
+    """A scan described at one or more headings.
+
+    Attributes:
+        headings: features in the frames turned by `yaws`.
+        yaws: of T_turned_lidar, radians.
+    """
+
+    headings: list[Features]
+    yaws: list[float]
+
+
+def describe(model: Backbone[Any, Any], cloud: PointCloud, turns: int) -> Described:
+    """Describe a scan at evenly spaced headings, the first along its street."""
+    first = se3.yaw(model.facing(cloud))
+    yaws = [first + 2 * np.pi * k / turns for k in range(turns)]
+    turned = [PointCloud(se3.transform(se3.from_xyz_rpy(yaw=y), cloud.points)) for y in yaws]
+    return Described([model.describe([scan])[0] for scan in turned], yaws)
 
 
 def fill_feature_cloud(
-    message: Any, headings: list[Features], weights: str, limit: int, field_type: Any
+    message: Any, described: Described, weights: str, limit: int, field_type: Any
 ) -> Any:
     """Fill an empty PointCloud2 with features; returns it.
 
     Args:
         message: sensor_msgs/PointCloud2.
-        headings: features in the frames turned by `turns_of(len(headings))`.
+        described: the scan.
         weights: `weights_hash` of what described them.
         limit: most key points of a heading; fewer if a heading has fewer.
         field_type: sensor_msgs/PointField.
     """
+    headings = described.headings
     width = min(limit, *(len(features) for features in headings))
     length = headings[0].descriptors.shape[1]
-    layout = np.dtype([('position', '<i2', 3), ('descriptor', 'i1', length)])
+    layout = np.dtype([('position', '<i2', 3), ('turn', '<i2'), ('descriptor', 'i1', length)])
     cells = np.zeros((len(headings), width), layout)
-    for row, (features, turn) in enumerate(zip(headings, turns_of(len(headings)), strict=True)):
+    for row, (features, yaw) in enumerate(zip(headings, described.yaws, strict=True)):
         chosen = selected(features, width)
-        points = se3.transform(se3.inverse(turn), chosen.points.double().numpy())
+        points = se3.transform(se3.from_xyz_rpy(yaw=-yaw), chosen.points.double().numpy())
+        cells[row]['turn'] = (round(yaw / np.pi * HALF_TURN) + HALF_TURN) % (
+            2 * HALF_TURN
+        ) - HALF_TURN
         cells[row]['position'] = np.clip(np.rint(points * UNIT), -32768, 32767)
         cells[row]['descriptor'] = np.rint(chosen.descriptors.float().numpy() * SCALE)
     message.height, message.width = cells.shape
     message.fields = [
-        *(field_type(name=a, offset=2 * i, datatype=_INT16, count=1) for i, a in enumerate('xyz')),
-        field_type(name=f'gcl{VERSION}_{weights}', offset=6, datatype=_INT8, count=length),
+        *(field_type(name=a, offset=2 * i, datatype=_INT16, count=1) for i, a in enumerate(SHORT)),
+        field_type(name=f'gcl{VERSION}_{weights}', offset=8, datatype=_INT8, count=length),
     ]
     message.is_bigendian, message.is_dense = False, True
     message.point_step, message.row_step = layout.itemsize, layout.itemsize * width
@@ -109,8 +133,8 @@ def fill_feature_cloud(
     return message
 
 
-def feature_cloud(message: Any, weights: str, length: int = 32) -> list[Features]:
-    """Read a feature cloud: features at each heading, in the frames of `turns_of`.
+def feature_cloud(message: Any, weights: str, length: int = 32) -> Described:
+    """Read a feature cloud.
 
     Args:
         message: sensor_msgs/PointCloud2.
@@ -124,7 +148,7 @@ def feature_cloud(message: Any, weights: str, length: int = 32) -> list[Features
     fields = {field.name: field for field in message.fields}
     descriptor = _descriptor_field(fields, name, weights)
     check_size(message, name)
-    expected = {'x': (_INT16, 1), 'y': (_INT16, 1), 'z': (_INT16, 1)}
+    expected = dict.fromkeys(SHORT, (_INT16, 1))
     expected[descriptor] = (_INT8, length)
     for key, (datatype, count) in expected.items():
         field = fields.get(key)
@@ -135,15 +159,15 @@ def feature_cloud(message: Any, weights: str, length: int = 32) -> list[Features
     norms = np.linalg.norm(values, axis=2, keepdims=True)
     if not norms.all():
         raise GclError(f'{name}: a descriptor is zero')
-    return [
+    yaws = column(message, fields['turn'], name)[:, 0] * (np.pi / HALF_TURN)
+    headings = [
         Features(
-            torch.from_numpy(se3.transform(turn, points).astype(np.float32)),
+            torch.from_numpy(se3.transform(se3.from_xyz_rpy(yaw=yaw), points).astype(np.float32)),
             torch.from_numpy(vectors / norm),
         )
-        for turn, points, vectors, norm in zip(
-            turns_of(len(values)), positions, values, norms, strict=True
-        )
+        for yaw, points, vectors, norm in zip(yaws, positions, values, norms, strict=True)
     ]
+    return Described(headings, yaws.tolist())
 
 
 def _descriptor_field(fields: dict[str, Any], name: str, weights: str) -> str:
@@ -153,7 +177,7 @@ def _descriptor_field(fields: dict[str, Any], name: str, weights: str) -> str:
     if match is None:
         raise GclError(f'{name} has no field of features; it has {", ".join(fields) or "none"}')
     version, theirs = match.groups()
-    if int(version) != VERSION:
+    if version != str(VERSION):
         raise GclError(
             f'{name} has format {version}, this node reads {VERSION}: run the same release of '
             'gcl_ros on both vehicles'

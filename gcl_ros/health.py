@@ -22,11 +22,13 @@ class Outcome:
         result: of the registrar.
         age: from the later stamp to the end of the work, seconds of the node's clock.
         dt: stamp of the source minus that of the target, seconds.
+        headings: that were searched.
     """
 
     result: Registration
     age: float
     dt: float
+    headings: int
 
 
 @dataclass
@@ -77,6 +79,7 @@ class Health:
     left_out: int = 0
     last: Outcome | None = None
     fault: str = ''
+    why: dict[str, str] = field(default_factory=dict)  # the last reasons to refuse a pair
     began: float = 0.0
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
@@ -92,11 +95,14 @@ class Health:
             self.last, self.fault = outcome, ''
             self.accepted += outcome.result.accepted
             self.withheld += not outcome.result.accepted
+            if not outcome.result.accepted:
+                self.why['last withheld'] = outcome.result.reason
 
     def failed(self, reason: str) -> None:
         """Note a pair that was left out."""
         with self._lock:
             self.left_out, self.fault = self.left_out + 1, reason
+            self.why['last left out'] = reason
 
     def judge(self, now: float, limits: Limits, offset: float | None) -> tuple[int, str]:
         """Level and message of the diagnostics while the node is active.
@@ -147,6 +153,7 @@ class Health:
                 'clouds without partner': counts.unpaired,
                 'pairs out of order': counts.late,
                 'jumps back in time': counts.jumps,
+                **self.why,
             }
             if self.last is not None:
                 rows |= _figures_of(self.last)
@@ -158,6 +165,7 @@ def _figures_of(outcome: Outcome) -> Mapping[str, object]:
     rows: dict[str, object] = {
         'age s': f'{outcome.age:.3f}',
         'dt s': f'{outcome.dt:.4f}',
+        'headings': outcome.headings,
         'inliers': result.inliers,
         'correspondences': result.correspondences,
         'probability': f'{result.probability:.4f}',

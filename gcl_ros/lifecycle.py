@@ -20,6 +20,7 @@ from rclpy.signals import SignalHandlerOptions
 from gcl_core.errors import GclError
 from gcl_core.ops.memory import keep_freed_memory
 from gcl_ros.parameters import Parameters
+from gcl_ros.transport import unprotected
 
 C = TypeVar('C')
 REMIND = 30.0  # seconds between reminders that a misconfigured node does nothing
@@ -167,6 +168,8 @@ def run(make: Callable[[], ConfiguredNode[Any]]) -> None:
     keep_freed_memory()
     with rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO):
         node = make()
+        if lost := unprotected():
+            node.get_logger().warning(lost)
         executor = SingleThreadedExecutor()
         executor.add_node(node)
         if node.get_parameter('autostart').value:
@@ -174,5 +177,8 @@ def run(make: Callable[[], ConfiguredNode[Any]]) -> None:
         else:
             node.get_logger().info('unconfigured; waiting for lifecycle transitions')
         while not stop.is_set():
-            executor.spin_once(timeout_sec=0.2)
+            try:
+                executor.spin_once(timeout_sec=0.2)
+            except Exception as error:  # of a callback: the others go on
+                node.get_logger().error(f'please report: {error!r}', throttle_duration_sec=5.0)
         node.destroy_node()

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 
 from rclpy.node import Node
 from sensor_msgs.msg import PointCloud2
 
+from gcl_core.errors import GclError
 from gcl_core.types import PointCloud, Registration
 from gcl_ros import health
 from gcl_ros.conversions import seconds
 from gcl_ros.diagnostics import Report
 from gcl_ros.exchange import Exchange
+from gcl_ros.heading import Heading
 from gcl_ros.outputs import Outputs
 from gcl_ros.pairing import Pairing, Side
 from gcl_ros.tracking import MotionConfig, Tracking
@@ -52,11 +55,15 @@ class Link:
         )
         self.pairing: Pairing[PointCloud2] | None = None
         self._tracking: Tracking | None = None
+        self._swapped = False  # whether the target was turned last
+        self.heading = Heading(0.0)
         self.health = health.Health(name)
 
-    def begin(self, pairing: Pairing[PointCloud2], motion: MotionConfig) -> None:
+    def begin(
+        self, pairing: Pairing[PointCloud2], motion: MotionConfig, heading_memory: float
+    ) -> None:
         """Start listening."""
-        self.pairing = pairing
+        self.pairing, self.heading = pairing, Heading(heading_memory)
         self.health = health.Health(self.name, began=time.monotonic())
         if motion.odometry:
             self._tracking = Tracking(self._node, motion, source=self.name, prefix=self.prefix)
@@ -78,6 +85,7 @@ class Link:
             self.pairing.reset()
         if self._tracking is not None:
             self._tracking.reset()
+        self.heading.forget()
         self.health = health.Health(self.name, began=time.monotonic())
 
     def heard(self, side: Side, message: PointCloud2) -> None:
@@ -103,12 +111,15 @@ class Link:
             'source': exchange.read(source, deskew=partial(self._deskewed, 'source')),
             'target': exchange.read(target, deskew=partial(self._deskewed, 'target')),
         }
-        registered = exchange.register(**scans)
+        stamps = {side: seconds(m.header.stamp) for side, m in zip(scans, (source, target))}
+        yaw = self._expected(max(stamps.values()))
+        registered = exchange.register(**scans, yaw=yaw)
         result, outputs = registered.result, self._outputs
+        self._swapped = registered.swapped
         if not wanted():
             return None
-        stamps = {side: seconds(m.header.stamp) for side, m in zip(scans, (source, target))}
         if result.accepted:
+            self.heading.found(max(stamps.values()), result.T_target_source)
             together = result
             if self._tracking is not None:
                 together = self._tracking.registered(result, target.header.frame_id, **stamps)
@@ -116,8 +127,31 @@ class Link:
             matches = exchange.agreeing(registered) if outputs.wants_matches else None
             outputs.show(result, target=target, cloud=scans['source'].cloud, matches=matches)
         age = self._node.get_clock().now().nanoseconds * 1e-9 - max(stamps.values())
-        self.health.done(health.Outcome(result, age, stamps['source'] - stamps['target']))
+        dt = stamps['source'] - stamps['target']
+        self.health.done(health.Outcome(result, age, dt, registered.headings))
         return result
+
+    def prepare(self, exchange: Exchange, side: Side, message: PointCloud2) -> None:
+        """Describe a cloud whose partner is about to come; what is wrong with it is told then.
+
+        With odometry it is left to the partner: the poses to undo its motion may not be here yet.
+        """
+        if self._tracking is not None:
+            return
+        with suppress(GclError):
+            exchange.prepare(
+                exchange.read(message),
+                turned=(side == 'target') == self._swapped,
+                swapped=self._swapped,
+                yaw=self._expected(seconds(message.header.stamp)),
+            )
+
+    def _expected(self, stamp: float) -> float | None:
+        """Heading of the transform to come, radians, if one is known."""
+        if self._tracking is not None and self.heading.memory > 0:
+            carried = self._tracking.heading
+            return self.heading.at(stamp) if carried is None else carried
+        return self.heading.at(stamp)
 
     def _deskewed(self, side: Side, message: PointCloud2) -> PointCloud | None:
         return None if self._tracking is None else self._tracking.deskewed(side, message)
@@ -127,6 +161,7 @@ class Link:
         now, about = time.monotonic(), '' if self.name == SINGLE else self.name
         level, message = self.health.judge(now, limits, self.pairing.offset())
         figures = {'state': state, **self.health.figures(now, self.pairing.counts)}
+        figures['clouds waiting'] = str(self.pairing.waiting)
         if self._tracking is not None:
             figures |= self._tracking.figures()
         return Report(level, message, figures, about)

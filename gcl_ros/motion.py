@@ -16,6 +16,7 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation, Slerp
 
 from gcl_core import se3
+from gcl_ros.limits import MAX_POSES
 
 MAX_GAP = 0.5  # seconds between two poses that are interpolated
 KEPT = 30.0  # seconds of odometry
@@ -46,7 +47,7 @@ class Odometry:
             return
         self._stamps.append(stamp)
         self._poses.append(T_odom_base @ self._mount)
-        while self._stamps[0] < stamp - KEPT:
+        while self._stamps[0] < stamp - KEPT or len(self._stamps) > MAX_POSES:
             del self._stamps[0], self._poses[0]
 
     @property

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Generic, Literal, TypeVar
+
+from gcl_ros.rhythm import Rhythm
 
 M = TypeVar('M')
 Side = Literal['source', 'target']
@@ -38,7 +42,8 @@ class Pairing(Generic[M]):
         max_dt: largest difference of the two stamps, seconds.
         depth: messages kept on each side while their partner may still come.
         on_demand: pairs wait until `ask` is called.
-        ready: notified when a pair is; one for several pairings that are waited for together.
+        ready: notified when something came; one for several pairings that are waited for together.
+        clock: monotonic seconds.
     """
 
     def __init__(
@@ -48,11 +53,13 @@ class Pairing(Generic[M]):
         *,
         on_demand: bool = False,
         ready: threading.Condition | None = None,
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.max_dt, self.on_demand = max_dt, on_demand
         self.counts = Counts()
         self._depth = depth
         self._ready = ready or threading.Condition()
+        self._clock = clock
         self._asked = self._closed = False
         self._forget_all()
 
@@ -62,6 +69,8 @@ class Pairing(Generic[M]):
         self._newest: tuple[M, M] | None = None
         self._taken: tuple[M, M] | None = None
         self._newest_stamp = float('-inf')
+        self._early: tuple[Side, M] | None = None
+        self._rhythm = Rhythm()
 
     def _count(self, **more: int) -> None:
         now = {name: getattr(self.counts, name) + number for name, number in more.items()}
@@ -89,6 +98,8 @@ class Pairing(Generic[M]):
                 return
             self._newest_stamp = newest
             self._count(replaced=self._newest is not None)
+            self._rhythm.arrived(self._clock())
+            self._early = None
             pair = (message, partner[1])
             self._newest = pair if side == 'source' else (pair[1], pair[0])
             self._ready.notify_all()
@@ -100,6 +111,9 @@ class Pairing(Generic[M]):
         if len(waiting) > self._depth:
             waiting.popleft()
             self._count(unpaired=1)
+        if not self.on_demand and self._rhythm.expects(self._clock()):
+            self._early = side, message
+            self._ready.notify_all()
 
     def _forget(self, side: Side, stamp: float) -> None:
         """Drop what is not newer than a message that has just been paired."""
@@ -115,6 +129,13 @@ class Pairing(Generic[M]):
             if len(self._last) < 2:
                 return None
             return self._last['source'] - self._last['target']
+
+    @property
+    def waiting(self) -> int:
+        """How many messages wait for a partner or to be taken."""
+        with self._ready:
+            alone = sum(len(side) for side in self._waiting.values())
+            return alone + 2 * (self._newest is not None)
 
     @property
     def has_pair(self) -> bool:
@@ -139,10 +160,21 @@ class Pairing(Generic[M]):
             self._newest, self._taken, self._asked = None, pair, False
             return pair
 
+    def take_early(self) -> tuple[Side, M] | None:
+        """A message whose partner is about to come, once; None without any."""
+        with self._ready:
+            early, self._early = self._early, None
+            return early
+
     @property
     def due(self) -> bool:
         """Whether a pair is to be taken."""
         return self._asked or (self._newest is not None and not self.on_demand)
+
+    @property
+    def wait(self) -> float:
+        """Seconds for which the pair that is due is better left for the next."""
+        return 0.0 if self._asked else self._rhythm.wait(self._clock())
 
     def reset(self) -> None:
         """Forget everything, as after a jump back in time."""

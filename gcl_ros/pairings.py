@@ -6,9 +6,10 @@ import threading
 from collections.abc import Sequence
 from typing import Generic, TypeVar
 
-from gcl_ros.pairing import Pairing
+from gcl_ros.pairing import Pairing, Side
 
 M = TypeVar('M')
+SIDES: tuple[Side, Side] = ('source', 'target')
 
 
 class Pairings(Generic[M]):
@@ -33,17 +34,28 @@ class Pairings(Generic[M]):
         for pairing in self.of.values():
             pairing.add('target', stamp, message)
 
-    def take(self) -> tuple[str, M, M] | None:
-        """Wait for a pair: name of the source, its message, the target's; None once closed."""
+    def take(self) -> tuple[str, M | None, M | None] | None:
+        """Wait for work: name of the source, its message, the target's; None once closed.
+
+        Meanwhile one of the two may come alone, None in place of the other: its partner is about
+        to come, and the time can be used.
+        """
         with self._ready:
-            self._ready.wait_for(lambda: self._closed or any(p.due for p in self.of.values()))
-            if self._closed:
-                return None
-            name = next(name for name in self._turn if self.of[name].due)
-            self._turn.remove(name)
-            self._turn.append(name)
-            pair = self.of[name].take()
-            return None if pair is None else (name, *pair)
+            while not self._closed:
+                waits = {name: self.of[name].wait for name in self._turn if self.of[name].due}
+                if now := next((name for name, seconds in waits.items() if seconds <= 0), None):
+                    return self._pair(now)
+                for name, pairing in self.of.items():
+                    if early := pairing.take_early():
+                        return (name, *(early[1] if early[0] == s else None for s in SIDES))
+                self._ready.wait(min(waits.values(), default=None))
+            return None
+
+    def _pair(self, name: str) -> tuple[str, M, M] | None:
+        self._turn.remove(name)
+        self._turn.append(name)
+        pair = self.of[name].take()
+        return None if pair is None else (name, *pair)
 
     def close(self) -> None:
         """Wake the consumer for good."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 RANGES: dict[str, tuple[float, float]] = {
     'max_pair_dt': (0.0, 10.0),
+    'heading_memory': (0.0, 3600.0),
     'silence': (0.1, 3600.0),
     'max_age': (0.01, 3600.0),
     'max_rate': (0.01, 1000.0),
@@ -12,9 +13,11 @@ RANGES: dict[str, tuple[float, float]] = {
     'turn': (0.0, 1.0),
     'still': (0.0, 10.0),
     'turns': (1, 36),
+    'first_turns': (1, 36),
     'min_probability': (0.0, 1.0),
     'k': (1, 20),
-    'keypoints': (1, 200_000),
+    'keypoints': (1, 20_000),
+    'max_points': (1, 100_000_000),
     'threshold': (0.01, 10.0),
     'samples': (1, 100_000_000),
     'batch': (1, 10_000_000),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 from typing import Any, Generic, TypeVar
 
@@ -9,7 +10,7 @@ V = TypeVar('V')
 
 
 class Recent(Generic[V]):
-    """Keeps the results last made or asked for.
+    """Keeps the results last made or asked for; threads may make different ones at a time.
 
     Args:
         size: how many.
@@ -17,14 +18,17 @@ class Recent(Generic[V]):
 
     def __init__(self, size: int) -> None:
         self._size = size
+        self._lock = threading.Lock()
         self._kept: list[tuple[tuple[Any, ...], V]] = []
 
     def get(self, key: tuple[Any, ...], make: Callable[[], V]) -> V:
         """The result for the same objects and numbers, made if it is not kept."""
-        entry = next((e for e in self._kept if _same(e[0], key)), None)
+        with self._lock:
+            entry = next((e for e in self._kept if _same(e[0], key)), None)
         if entry is None:
             entry = (key, make())
-        self._kept = [*(e for e in self._kept if e is not entry), entry][-self._size :]
+        with self._lock:
+            self._kept = [*(e for e in self._kept if e is not entry), entry][-self._size :]
         return entry[1]
 
 

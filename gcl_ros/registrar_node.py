@@ -13,6 +13,7 @@ Serves: `~/trigger` (std_srvs/Trigger) registers the newest pair, `~/reset` forg
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
@@ -25,18 +26,20 @@ from std_srvs.srv import Trigger
 from gcl_core.errors import GclError
 from gcl_core.registrar import Registrar, RegistrarConfig
 from gcl_core.types import Registration
-from gcl_ros import health, transport
+from gcl_ros import health, limits, transport
 from gcl_ros.answers import Answers
 from gcl_ros.conversions import seconds
 from gcl_ros.diagnostics import Diagnostics, Report
 from gcl_ros.exchange import Exchange
 from gcl_ros.lifecycle import ConfiguredNode, run
 from gcl_ros.link import SINGLE, Link, Wanted
+from gcl_ros.pairing import Side
 from gcl_ros.pairings import Pairings
 from gcl_ros.tracking import MotionConfig
 from gcl_ros.worker import Worker
 
-Pair = tuple[str, PointCloud2, PointCloud2]  # name of the source, its cloud, the target's
+# Name of the source, its cloud, the target's; one of them is None while it is still awaited.
+Work = tuple[str, PointCloud2 | None, PointCloud2 | None]
 
 
 @dataclass(frozen=True)
@@ -50,8 +53,12 @@ class NodeConfig:
         max_pair_dt: clouds whose stamps differ by more than this are no pair, seconds.
         reliable: reliable subscriptions; they do not match best-effort publishers.
         on_demand: register a pair only when `~/trigger` is called.
+        heading_memory: seconds for which the heading of the last transform is where the next is
+            looked for first; `registrar.first_turns` and `registrar.turns` are searched when
+            nothing is accepted there. 0 always searches all.
         silence: a topic without a cloud for this long is a warning in the diagnostics, seconds.
         max_age: a transform this long after its stamp is a warning in the diagnostics, seconds.
+        max_points: clouds of more points are refused; it bounds memory and time.
         publish_tf: broadcast the transform on /tf too. The source's frame must have no other
             parent; needs tf2_ros.
         publish_aligned: publish the source cloud in the target's frame on `~/aligned`.
@@ -65,8 +72,10 @@ class NodeConfig:
     max_pair_dt: float = 0.1
     reliable: bool = False
     on_demand: bool = False
+    heading_memory: float = 5.0
     silence: float = 2.0
     max_age: float = 5.0
+    max_points: int = limits.MAX_POINTS
     publish_tf: bool = False
     publish_aligned: bool = False
     publish_matches: bool = False
@@ -86,7 +95,8 @@ class NodeConfig:
             )
 
 
-LIVE = ('max_pair_dt', 'on_demand', 'silence', 'max_age')  # and the registrar's, but the network's
+# Parameters that may change at any time, and the registrar's but the network's.
+LIVE = ('max_pair_dt', 'on_demand', 'heading_memory', 'silence', 'max_age', 'max_points')
 NETWORK = ('registrar.weights', 'registrar.precision')
 
 
@@ -98,7 +108,7 @@ class RegistrarNode(ConfiguredNode[NodeConfig]):
         self._exchange: Exchange | None = None
         self._links: dict[str, Link] = {}
         self._pairings: Pairings[PointCloud2] | None = None
-        self._worker: Worker[Pair] | None = None
+        self._worker: Worker[Work] | None = None
         self._inputs: list[Any] = []
         self._answers = Answers()
         self.create_service(Trigger, '~/trigger', self._trigger)
@@ -121,7 +131,7 @@ class RegistrarNode(ConfiguredNode[NodeConfig]):
         names = config.sources
         self._pairings = Pairings(names, config.max_pair_dt, on_demand=config.on_demand)
         for name, link in self._links.items():
-            link.begin(self._pairings.of[name], config.motion)
+            link.begin(self._pairings.of[name], config.motion, config.heading_memory)
         self._worker = Worker(
             self._pairings.take, self._register, self._left_out, self._pairings.close
         )
@@ -151,6 +161,8 @@ class RegistrarNode(ConfiguredNode[NodeConfig]):
         """Let go of the network and the publishers."""
         for link in self._links.values():
             link.destroy()
+        if self._exchange is not None:
+            self._exchange.close()
         self._links, self._exchange = {}, None
 
     def live(self, name: str) -> bool:
@@ -162,27 +174,47 @@ class RegistrarNode(ConfiguredNode[NodeConfig]):
         self._exchange.registrar.config = config.registrar
         for pairing in self._pairings.of.values() if self._pairings else ():
             pairing.max_dt, pairing.on_demand = config.max_pair_dt, config.on_demand
+        for link in self._links.values():
+            link.heading.memory = config.heading_memory
+
+    def _takes(self, links: Sequence[Link], message: PointCloud2) -> bool:
+        """Whether a cloud is within the limits; if not, the diagnostics say so."""
+        try:
+            limits.check_limits(message, self.config.max_points)
+        except GclError as error:
+            for link in links:
+                link.health.failed(str(error))
+            self.get_logger().error(f'cloud left out: {error}', throttle_duration_sec=5.0)
+            return False
+        return True
 
     def _receive_source(self, name: str, message: PointCloud2) -> None:
+        if not self._takes([self._links[name]], message):
+            return
         self._links[name].heard('source', message)
         self._pairings.of[name].add('source', seconds(message.header.stamp), message)
 
     def _receive_target(self, message: PointCloud2) -> None:
+        if not self._takes([*self._links.values()], message):
+            return
         for link in self._links.values():
             link.heard('target', message)
         self._pairings.add_target(seconds(message.header.stamp), message)
 
-    def _register(self, pair: Pair) -> None:
-        name, source, target = pair
-        result = self._links[name].register(
-            self._exchange, source, target, wanted=lambda: not self._worker.stopping
-        )
+    def _register(self, work: Work) -> None:
+        name, source, target = work
+        link, exchange = self._links[name], self._exchange
+        if source is None or target is None:
+            side: Side = 'target' if source is None else 'source'
+            link.prepare(exchange, side, target if source is None else source)
+            return
+        result = link.register(exchange, source, target, wanted=lambda: not self._worker.stopping)
         if result is not None:
             self._answers.outcome(name, result.accepted, describe(result))
             self.get_logger().info(f'{name}: {describe(result)}, {result.ms["total"]:.0f} ms')
 
-    def _left_out(self, pair: Pair, reason: str) -> None:
-        name = pair[0]
+    def _left_out(self, work: Work, reason: str) -> None:
+        name = work[0]
         self._links[name].health.failed(reason)
         self._answers.outcome(name, False, f'pair left out: {reason}')
         self.get_logger().error(f'{name}: pair left out: {reason}')
@@ -195,6 +227,9 @@ class RegistrarNode(ConfiguredNode[NodeConfig]):
         have = [name for name, pairing in self._pairings.of.items() if pairing.has_pair]
         if not have:
             response.message = 'no pair of clouds has come yet; see /diagnostics'
+            return response
+        if self._answers.waiting >= limits.MAX_WAITING:
+            response.message = f'{limits.MAX_WAITING} callers wait already; call again later'
             return response
         future = self._answers.expect(have, self.executor)
         for name in have:
@@ -216,8 +251,8 @@ class RegistrarNode(ConfiguredNode[NodeConfig]):
             return [Report(health.ERROR, f'{self.state}: {self.problem}', state)]
         if self._pairings is None or config is None:
             return [Report(health.WARN, f'{self.state}, not active', state)]
-        limits = health.Limits(config.silence, config.max_age, config.max_pair_dt)
-        return [link.report(limits, self.state) for link in self._links.values()]
+        bounds = health.Limits(config.silence, config.max_age, config.max_pair_dt)
+        return [link.report(bounds, self.state) for link in self._links.values()]
 
 
 def describe(result: Registration) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import re
 import sys
 import time
 from dataclasses import dataclass
@@ -16,12 +17,11 @@ from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.utilities import remove_ros_args
 from rosbags.interfaces import Connection
-from rosbags.rosbag2 import Reader
 from rosgraph_msgs.msg import Clock
 
 from gcl_core.errors import GclError
-from gcl_ros.bag import open_bag
-from gcl_ros.bag_sequence import CLOUD
+from gcl_ros.bag import CLOUD
+from gcl_ros.bag_reader import Bag, open_bag
 
 SETTLE = 2.0  # seconds until a subscriber that we see has seen us too
 DISCOVERY_LIMIT = 60.0  # seconds to wait for a subscriber: a network takes its time to load
@@ -33,7 +33,10 @@ def message_class(name: str) -> type:
     Raises:
         GclError: its package is not installed.
     """
-    package, _, kind = name.split('/')
+    match = re.fullmatch(r'([a-z]\w*)/msg/([A-Z]\w*)', name)
+    if match is None:
+        raise GclError(f'the bag holds {name!r}, which is no type of messages; is it damaged?')
+    package, kind = match.groups()
     try:
         found: type = getattr(importlib.import_module(f'{package}.msg'), kind)
     except (ImportError, AttributeError):
@@ -86,7 +89,7 @@ def replay(path: Path, playback: Playback, node: Node) -> int:
         count = 0
         while True:
             began = time.monotonic()
-            for connection, stamp, raw in reader.messages(start=begin):
+            for connection, stamp, raw in reader.raw(start=begin):
                 due = (stamp - begin) * 1e-9 / playback.rate
                 time.sleep(max(0.0, due - (time.monotonic() - began)))
                 if not node.context.ok():
@@ -108,7 +111,7 @@ def _is_cloud(connection: Connection) -> bool:
     return connection.msgtype == CLOUD
 
 
-def _publishers(reader: Reader, playback: Playback, node: Node) -> dict[int, Publisher]:
+def _publishers(reader: Bag, playback: Playback, node: Node) -> dict[int, Publisher]:
     """One for each connection; what is no cloud is latched for late joiners."""
     policy = ReliabilityPolicy.RELIABLE if playback.reliable else ReliabilityPolicy.BEST_EFFORT
     latched = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)

@@ -14,7 +14,9 @@ import numpy as np
 from gcl_core import se3
 from gcl_core.evaluation import metrics
 from gcl_core.evaluation.predict import Prediction
-from gcl_core.evaluation.score import markdown, score
+from gcl_core.evaluation.score import score
+from gcl_core.evaluation.tables import markdown
+from gcl_core.files import whole_file, write_text
 
 
 def write_report(
@@ -31,14 +33,14 @@ def write_report(
     """
     rows = score(predictions)
     table = f'{label}\n\n{markdown(rows)}'
-    (out / 'table.md').write_text(table + '\n')
+    write_text(out / 'table.md', table + '\n')
     content = {
         'pairs': label,
         'settings': record,
         'rows': [asdict(row) for row in rows],
         'predictions': [asdict(p) for p in predictions],
     }
-    (out / 'result.json').write_text(json.dumps(content, default=lambda a: a.tolist()) + '\n')
+    write_text(out / 'result.json', json.dumps(content, default=lambda a: a.tolist()) + '\n')
     _write_csv(out / 'pairs.csv', predictions, stamps)
     for method in dict.fromkeys(p.method for p in predictions):
         own = [p for p in predictions if p.method == method]
@@ -60,11 +62,11 @@ def write_tum(path: Path, poses: Sequence[tuple[float, np.ndarray | None]]) -> N
         if T is not None:
             values = (*T[:3, 3], *se3.to_quaternion(T[:3, :3]))
             lines.append(f'{stamp:.9f} ' + ' '.join(f'{value:.9f}' for value in values))
-    path.write_text('\n'.join(lines) + '\n' if lines else '')
+    write_text(path, '\n'.join(lines) + '\n' if lines else '')
 
 
 def _write_csv(path: Path, predictions: Sequence[Prediction], stamps: Sequence[float]) -> None:
-    with path.open('w', newline='') as file:
+    with whole_file(path) as part, part.open('w', newline='') as file:
         writer = csv.writer(file)
         writer.writerow(['method', 'stamp', 'distance', 'found', 'rte', 'rre_deg', 'seconds'])
         for p in predictions:

@@ -66,18 +66,24 @@ class Listener(Node):
 
 
 @contextmanager
-def _process(
-    module: str, arguments: Sequence[str], folder: Path
+def process(
+    module: str, arguments: Sequence[str], folder: Path, *, name: str = ''
 ) -> Iterator[subprocess.Popen[Any]]:
-    """Run a module of this package; its output goes to `folder/module.log`."""
-    with (folder / f'{module}.log').open('w') as log:
+    """Run a module of this package; its output goes to `folder/name.log`, by default its own."""
+    with (folder / f'{name or module}.log').open('w') as log:
         command = [sys.executable, '-m', f'gcl_ros.{module}', *arguments]
-        process = subprocess.Popen(command, stdout=log, stderr=log)
+        running = subprocess.Popen(command, stdout=log, stderr=log)
         try:
-            yield process
+            yield running
         finally:
-            process.terminate()
-            process.wait(timeout=30)
+            running.terminate()
+            running.wait(timeout=30)
+
+
+def local_dds() -> None:
+    """Let this process and its children talk on this machine only, big clouds included."""
+    os.environ.setdefault('FASTDDS_DEFAULT_PROFILES_FILE', str(PROFILE))
+    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
 
 
 def through_node(
@@ -99,13 +105,12 @@ def through_node(
         node_arguments: after `--ros-args`.
         on_estimate: called with each row as its transform arrives.
     """
-    os.environ.setdefault('FASTDDS_DEFAULT_PROFILES_FILE', str(PROFILE))
-    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    local_dds()
     ros = ['--ros-args', *node_arguments] if node_arguments else []
     replay = [str(bag), '--rate', str(rate)]
     with rclpy.init():
         listener = Listener(on_estimate)
-        with _process('registrar_node', ros, folder), _process('replay', replay, folder) as player:
+        with process('registrar_node', ros, folder), process('replay', replay, folder) as player:
             _spin_until_done(listener, player, expected)
         listener.destroy_node()
     return [listener.rows[stamp] for stamp in sorted(listener.rows)]

@@ -71,6 +71,7 @@ class Tracking:
             'source': Odometry(se3.from_xyz_rpy(*config.source_mount)),
             'target': Odometry(se3.from_xyz_rpy(*config.target_mount)),
         }
+        self._refused: dict[Side, str] = {}
         self._frame = ''
         self._publisher = node.create_publisher(PoseWithCovarianceStamped, f'{prefix}track', 10)
         qos = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -84,8 +85,14 @@ class Tracking:
 
     def _moved(self, side: Side, message: OdometryMessage) -> None:
         """Take a pose of one vehicle; publish as far as both are known."""
-        T = pose_matrix(message.pose.pose)
+        try:
+            T = pose_matrix(message.pose.pose)
+        except GclError as error:
+            with self._lock:
+                self._refused[side] = str(error)
+            return
         with self._lock:
+            self._refused.pop(side, None)
             self._odometry[side].add(seconds(message.header.stamp), T)
             newest = [odometry.newest for odometry in self._odometry.values()]
             estimate = self._filter.estimate
@@ -140,6 +147,17 @@ class Tracking:
             result, T_target_source=together.T_target_source, covariance=together.covariance
         )
 
+    @property
+    def heading(self) -> float | None:
+        """Yaw of the relative pose, radians; None unless a registration agreed with it lately."""
+        with self._lock:
+            estimate = self._filter.estimate
+            if estimate is None:
+                return None
+            if estimate.stamp - self._filter.confirmed > self._config.max_coast:
+                return None
+            return se3.yaw(estimate.T_target_source)
+
     def deskewed(self, side: Side, message: Any) -> PointCloud | None:
         """Undo the vehicle's motion during a scan; None where that cannot be done."""
         with self._lock:
@@ -157,6 +175,8 @@ class Tracking:
             rows = {'track contradicted by': str(self._filter.contradicted)}
             for side, odometry in self._odometry.items():
                 rows[f'{side} odometry'] = 'none' if odometry.newest is None else 'received'
+                if side in self._refused:
+                    rows[f'{side} odometry'] = f'refused: {self._refused[side]}'
             if estimate is not None:
                 deviation = float(np.sqrt(np.trace(estimate.covariance[:3, :3])))
                 rows['track coasting s'] = f'{estimate.stamp - self._filter.confirmed:.2f}'

@@ -1,8 +1,9 @@
 """Both vehicles, features between them: each has a describer and a registrar of its own.
 
 `ros2 launch gcl_ros both_vehicles.launch.py a:=vehicle_a b:=vehicle_b` expects the clouds on
-`/vehicle_a/points` and `/vehicle_b/points`. Each registrar takes its own raw points as target and
-the other's features as source. Start it with `only:=a` on one vehicle and `only:=b` on the other.
+`/vehicle_a/points` and `/vehicle_b/points`; with `motion.odometry` the odometry on
+`/vehicle_a/odometry` and `/vehicle_b/odometry`. Each registrar takes its own raw points as target
+and the other's features as source. Start it with `only:=a` on one vehicle, `only:=b` on the other.
 """
 
 from launch import LaunchDescription
@@ -20,8 +21,12 @@ from launch_ros.substitutions import FindPackageShare
 
 def vehicle(own: str, other: str) -> GroupAction:
     """Describer and registrar of one vehicle; `own` and `other` name launch arguments."""
-    clouds = ['/', LaunchConfiguration(own), '/points']
-    features = ['/', LaunchConfiguration(other), '/features']
+    remappings = [
+        ('target/points', ['/', LaunchConfiguration(own), '/points']),
+        ('source/points', ['/', LaunchConfiguration(other), '/features']),
+        ('target/odometry', ['/', LaunchConfiguration(own), '/odometry']),
+        ('source/odometry', ['/', LaunchConfiguration(other), '/odometry']),
+    ]
     chosen = PythonExpression(["'", LaunchConfiguration('only'), f"' in ('both', '{own}')"])
     return GroupAction(
         [
@@ -37,7 +42,7 @@ def vehicle(own: str, other: str) -> GroupAction:
                 executable='registrar',
                 namespace=LaunchConfiguration(own),
                 parameters=[LaunchConfiguration('registrar_params')],
-                remappings=[('target/points', clouds), ('source/points', features)],
+                remappings=remappings,
                 output='screen',
             ),
         ],
@@ -53,12 +58,21 @@ def generate_launch_description() -> LaunchDescription:
         [
             DeclareLaunchArgument('a', default_value='vehicle_a', description='namespace'),
             DeclareLaunchArgument('b', default_value='vehicle_b', description='namespace'),
-            DeclareLaunchArgument('only', default_value='both', choices=['both', 'a', 'b']),
             DeclareLaunchArgument(
-                'registrar_params', default_value=PathJoinSubstitution([config, 'registrar.yaml'])
+                'only',
+                default_value='both',
+                choices=['both', 'a', 'b'],
+                description='whose nodes to start',
             ),
             DeclareLaunchArgument(
-                'describer_params', default_value=PathJoinSubstitution([config, 'describer.yaml'])
+                'registrar_params',
+                default_value=PathJoinSubstitution([config, 'registrar.yaml']),
+                description='parameters of the registrars',
+            ),
+            DeclareLaunchArgument(
+                'describer_params',
+                default_value=PathJoinSubstitution([config, 'describer.yaml']),
+                description='parameters of the describers',
             ),
             SetEnvironmentVariable(
                 'FASTDDS_DEFAULT_PROFILES_FILE',

@@ -1,4 +1,7 @@
-"""One registrar: `ros2 launch gcl_ros registrar.launch.py source:=/b/points target:=/a/points`."""
+"""One registrar: `ros2 launch gcl_ros registrar.launch.py source:=/b/points target:=/a/points`.
+
+The odometry of both is listened to when `motion.odometry` is set in the parameters.
+"""
 
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, SetEnvironmentVariable
@@ -18,8 +21,25 @@ def generate_launch_description() -> LaunchDescription:
         [
             DeclareLaunchArgument('source', description='clouds of the other vehicle'),
             DeclareLaunchArgument('target', description='own clouds'),
-            DeclareLaunchArgument('namespace', default_value=''),
-            DeclareLaunchArgument('params_file', default_value=shared('config', 'registrar.yaml')),
+            DeclareLaunchArgument(
+                'source_odometry',
+                default_value='source/odometry',
+                description="the other vehicle's nav_msgs/Odometry",
+            ),
+            DeclareLaunchArgument(
+                'target_odometry',
+                default_value='target/odometry',
+                description='own nav_msgs/Odometry',
+            ),
+            DeclareLaunchArgument('namespace', default_value='', description='of the node'),
+            DeclareLaunchArgument(
+                'params_file',
+                default_value=shared('config', 'registrar.yaml'),
+                description='parameters of the node',
+            ),
+            DeclareLaunchArgument(
+                'use_sim_time', default_value='false', description='take the time from /clock'
+            ),
             SetEnvironmentVariable(
                 'FASTDDS_DEFAULT_PROFILES_FILE',
                 EnvironmentVariable(
@@ -30,10 +50,15 @@ def generate_launch_description() -> LaunchDescription:
                 package='gcl_ros',
                 executable='registrar',
                 namespace=LaunchConfiguration('namespace'),
-                parameters=[LaunchConfiguration('params_file')],
+                parameters=[
+                    LaunchConfiguration('params_file'),
+                    {'use_sim_time': LaunchConfiguration('use_sim_time')},
+                ],
                 remappings=[
                     ('source/points', LaunchConfiguration('source')),
                     ('target/points', LaunchConfiguration('target')),
+                    ('source/odometry', LaunchConfiguration('source_odometry')),
+                    ('target/odometry', LaunchConfiguration('target_odometry')),
                 ],
                 output='screen',
             ),

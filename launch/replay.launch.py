@@ -29,10 +29,16 @@ def generate_launch_description() -> LaunchDescription:
         [
             DeclareLaunchArgument('bag', description='folder that `gcl bag` wrote'),
             DeclareLaunchArgument('rate', default_value='0.2', description='bag s a wall s'),
-            DeclareLaunchArgument('rviz', default_value='false'),
+            DeclareLaunchArgument('rviz', default_value='false', description='look at it'),
             IncludeLaunchDescription(
                 PythonLaunchDescriptionSource(registrar),
-                launch_arguments={'source': '/source/points', 'target': '/target/points'}.items(),
+                launch_arguments={
+                    'source': '/source/points',
+                    'target': '/target/points',
+                    'source_odometry': '/source/odometry',
+                    'target_odometry': '/target/odometry',
+                    'use_sim_time': 'true',  # the bag's, which `replay` publishes
+                }.items(),
             ),
             Node(
                 package='rviz2',

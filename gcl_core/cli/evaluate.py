@@ -1,35 +1,36 @@
-"""`gcl evaluate`: recall by distance, on a pair list or on random pairs of a sequence."""
+"""`gcl evaluate`: a benchmark from its YAML, or one made of the flags; recall by distance."""
 
 from __future__ import annotations
 
 import argparse
-import json
-import platform
-from collections.abc import Iterable, Iterator
-from dataclasses import asdict, replace
+import tempfile
+from dataclasses import replace
+from datetime import timedelta
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
-from tqdm import tqdm
-
+from gcl_core.bench.measure import provenance
 from gcl_core.cli.source import add_source
 from gcl_core.config import load_config
-from gcl_core.data.formats import open_sequences
-from gcl_core.data.pair_list import PairList, read_pair_list
-from gcl_core.data.pair_sets import random_set
-from gcl_core.data.pairs import Pair
-from gcl_core.data.sequence import Sequence
-from gcl_core.data.simulator.sequence import SimulatedSequence
 from gcl_core.errors import GclError
 from gcl_core.estimation.estimators import ESTIMATORS
-from gcl_core.evaluation import peers
-from gcl_core.evaluation.compare import FEATURES, PAPER, compare
-from gcl_core.evaluation.predict import Method, Prediction, predict
-from gcl_core.evaluation.score import markdown, score
-from gcl_core.registrar import Registrar, RegistrarConfig
-from gcl_core.types import PointCloud
+from gcl_core.evaluation.benchmark import (
+    BenchmarkConfig,
+    Estimators,
+    MethodConfig,
+    Ours,
+    PairsConfig,
+    Peer,
+    SourceConfig,
+)
+from gcl_core.evaluation.compare import PAPER
+from gcl_core.evaluation.peers import PEERS
+from gcl_core.evaluation.report import gather, write
+from gcl_core.evaluation.runner import Run
+from gcl_core.registrar import RegistrarConfig
+from gcl_core.training.distributed import Processes, processes
 
-PEERS: dict[str, Method] = {'fpfh': peers.fpfh_ransac}
+FEATURES = ('ours', 'fpfh')
 
 
 def add_parser(commands: Any) -> None:
@@ -37,108 +38,101 @@ def add_parser(commands: Any) -> None:
     parser: argparse.ArgumentParser = commands.add_parser(
         'evaluate',
         help='measure recall by distance',
-        description='Register listed or random pairs, with peers on the same pairs.',
-        epilog='Example: gcl evaluate --kitti DIR --sequence 08 --peers fpfh --random-yaw',
+        description='Run a benchmark. A run with --out that was stopped goes on where it was; '
+        'torchrun shares it among processes.',
+        epilog='Examples: gcl evaluate --config config/bench_kitti.yaml --data DIR --out out; '
+        'gcl evaluate --data DIR --sequence 08 --peers fpfh --random-yaw',
     )
-    add_source(parser)
+    add_source(parser, required=False, several=True)
+    parser.add_argument('--config', type=Path, help='YAML of BenchmarkConfig')
+    parser.add_argument('--out', type=Path, help='folder: predictions, results, report.html')
     parser.add_argument('--pairs', type=Path, help='list of pairs, as `gcl pairs` writes it')
-    parser.add_argument('--config', type=Path, help='YAML of RegistrarConfig')
-    parser.add_argument('--per-bin', type=int, default=16, help='pairs in each distance bin')
-    parser.add_argument('--seed', type=int, default=0, help='of the pairs and of the headings')
+    parser.add_argument('--per-bin', type=int, help='random pairs in each distance bin (16)')
+    parser.add_argument('--seed', type=int, help='of the pairs and of the headings (0)')
     parser.add_argument('--random-yaw', action='store_true', help='turn each source at random')
-    parser.add_argument('--peers', nargs='*', default=[], choices=sorted(PEERS), help='also run')
-    parser.add_argument(
+    own = parser.add_argument_group('methods, without --config')
+    own.add_argument('--registrar', type=Path, help='YAML of RegistrarConfig')
+    own.add_argument('--peers', nargs='*', default=[], choices=sorted(PEERS), help='also run')
+    own.add_argument(
         '--estimators',
         nargs='+',
         default=[],
         choices=(*ESTIMATORS, PAPER),
         help='compare estimators instead: best-supported transform, refined, none withheld',
     )
-    parser.add_argument(
+    own.add_argument(
         '--features', nargs='+', default=list(FEATURES), choices=FEATURES, help='for estimators'
     )
-    parser.add_argument('--out', type=Path, help='write predictions and rows as JSON here')
     parser.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> int:
     """Predict, score, print a table."""
-    if options.per_bin < 1:
-        raise GclError(f'--per-bin is {options.per_bin}; it must be at least 1')
-    pairs, sequences = _pairs(options)
-    config = load_config(RegistrarConfig, options.config) if options.config else RegistrarConfig()
-    registrar = Registrar(config)
-
-    yaw_seed = options.seed if options.random_yaw else None
-    predictions: list[Prediction] = []
-    with tqdm(total=len(pairs.pairs), unit='pair') as bar:
-        for name, sequence in sequences.items():
-            own = _shown(pairs.of(name, sequence), bar)
-            predictions += _predict(registrar, options, sequence, own, yaw_seed)
-    rows = score(predictions)
-    print(f'{pairs.label}, source turned {"at random" if options.random_yaw else "not"}')
-    print(markdown(rows))
-    if options.out:
-        content = {
-            'sequences': [sequence.name for sequence in sequences.values()],
-            'pairs': {'name': pairs.name, 'count': len(pairs.pairs), 'sha256': pairs.sha256},
-            'config': asdict(config),
-            'machine': platform.processor() or platform.machine(),
-            'rows': [asdict(row) for row in rows],
-            'predictions': [asdict(p) for p in predictions],
-        }
-        options.out.write_text(json.dumps(content, default=lambda a: a.tolist()) + '\n')
+    config = benchmark(options)
+    with processes(patience=timedelta(days=7)) as own:
+        if options.out:
+            _evaluate(config, options.out, own)
+        else:
+            with tempfile.TemporaryDirectory() as folder:
+                _evaluate(config, Path(folder), own, kept=False)
     return 0
 
 
-def _pairs(options: argparse.Namespace) -> tuple[PairList, dict[str, Sequence]]:
-    """The list, read or drawn, and its sequences by the list's names."""
-    names = [options.sequence] if options.sequence else None
-    if options.simulated is not None:
-        names = [str(options.simulated)]
-    if options.pairs:
-        pairs = read_pair_list(options.pairs)
-        names = names or list(pairs.sequences)
-        pairs = replace(pairs, pairs=tuple(p for p in pairs.pairs if p.sequence in names))
-        if not pairs.pairs:
-            raise GclError(f'{options.pairs} lists no pair of {", ".join(names)}')
-    sequences: dict[str, Sequence]
-    if options.data:
-        sequences = open_sequences(options.data, names, layout=options.format)
+def _evaluate(config: BenchmarkConfig, folder: Path, own: Processes, *, kept: bool = True) -> None:
+    benchmark_ = Run(config, folder, own, provenance=provenance())
+    predictions = benchmark_.predict()
+    if not own.first:
+        return
+    results = gather(benchmark_, predictions)
+    turned = 'at random' if config.random_yaw else 'not'
+    for drawn in benchmark_.drawn:
+        print(f'{drawn.pairs.label}, source turned {turned}')
+    print('\n\n'.join(table.markdown() for table in results.tables[:2]))
+    if kept:
+        write(benchmark_, predictions, results)
+        print(f'wrote {folder}/results.json, results.md and report.html')
+
+
+def benchmark(options: argparse.Namespace) -> BenchmarkConfig:
+    """The config of the command line: that of `--config`, or one made of flags."""
+    if options.config:
+        if options.registrar or options.peers or options.estimators:
+            raise GclError('methods stand in --config; leave the flags out, or --config')
+        config = load_config(BenchmarkConfig, options.config)
     else:
-        sequences = {str(options.simulated): SimulatedSequence(options.simulated)}
-    if not options.pairs:
-        pairs = random_set(sequences, per_bin=options.per_bin, seed=options.seed)
-        if not pairs.pairs:
-            names = [sequence.name for sequence in sequences.values()]
-            raise GclError(f'{", ".join(names)}: no two scans 5 to 50 m apart')
-    return pairs, sequences
+        config = BenchmarkConfig(methods=_methods(options))
+    config = replace(config, source=_source(options, config.source))
+    if options.random_yaw:
+        config = replace(config, random_yaw=True)
+    if options.seed is not None:
+        config = replace(config, seed=options.seed)
+    if options.pairs:
+        limit = config.pairs[0].limit if config.pairs else 0
+        listed = PairsConfig(kind='list', file=str(options.pairs), limit=limit)
+        config = replace(config, pairs=(listed,))
+    elif options.per_bin is not None or not options.config:
+        per_bin = 16 if options.per_bin is None else options.per_bin
+        if per_bin < 1:
+            raise GclError(f'--per-bin is {per_bin}; it must be at least 1')
+        config = replace(config, pairs=(PairsConfig(per_bin=per_bin, seed=config.seed),))
+    return config
 
 
-def _shown(pairs: Iterable[Pair], bar: Any) -> Iterator[Pair]:
-    for pair in pairs:
-        yield pair
-        bar.update()
+def _source(options: argparse.Namespace, source: SourceConfig) -> SourceConfig:
+    if options.simulated is not None:
+        return replace(source, data='', sequences=(), simulated=(options.simulated,))
+    if options.data:
+        source = replace(source, data=str(options.data), simulated=())
+    if options.sequence:
+        source = replace(source, sequences=tuple(options.sequence))
+    return replace(source, layout=options.format or source.layout)
 
 
-def _predict(
-    registrar: Registrar,
-    options: argparse.Namespace,
-    sequence: Sequence,
-    pairs: Iterable[Pair],
-    yaw_seed: int | None,
-) -> Iterator[Prediction]:
+def _methods(options: argparse.Namespace) -> tuple[MethodConfig, ...]:
+    path = options.registrar
+    registrar = load_config(RegistrarConfig, path) if path else RegistrarConfig()
     if options.estimators:
-        names, features = options.estimators, options.features
-        return compare(registrar, names, features, sequence, pairs, random_yaw_seed=yaw_seed)
-    methods: dict[str, Method] = {'GCL-ROS': _accepted(registrar)}
-    methods.update({name: PEERS[name] for name in options.peers})
-    return predict(methods, sequence, pairs, random_yaw_seed=yaw_seed)
-
-
-def _accepted(registrar: Registrar) -> Method:
-    def ours(source: PointCloud, target: PointCloud) -> Any:
-        result = registrar.register(source=source, target=target)
-        return result.T_target_source if result.accepted else None
-
-    return ours
+        names, features = tuple(options.estimators), tuple(options.features)
+        return (Estimators(names=names, features=features, registrar=registrar),)
+    peers = tuple(Peer(name=cast(Any, name)) for name in options.peers)
+    return (Ours(registrar=registrar), *peers)

@@ -110,7 +110,14 @@ def _show_pair(sequence: Sequence, pair: list[int], picture: Path | None) -> Non
         f'{100 * shares[1]:.0f} % of the target'
     )
     if picture:
-        birds_eye(picture, **clouds, T_target_source=T, title=f'{sequence.name}, true transform')
+        title = f'{sequence.name}, true transform'
+        birds_eye(
+            picture,
+            source=clouds['source'],
+            target=clouds['target'],
+            T_target_source=T,
+            title=title,
+        )
 
 
 def _show_group(sequence: Sequence, centre: int, picture: Path | None) -> None:

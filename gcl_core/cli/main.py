@@ -25,7 +25,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     try:
         code: int = options.run(options)
-    except GclError as error:
+    except (GclError, OSError) as error:  # a full disk may end anything that writes
         print(f'gcl {options.command}: {error}', file=sys.stderr)
         return 2
     except KeyboardInterrupt:

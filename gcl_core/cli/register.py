@@ -12,7 +12,9 @@ import numpy as np
 from gcl_core import se3
 from gcl_core.config import load_config
 from gcl_core.data.clouds import read_cloud, write_cloud
+from gcl_core.evaluation.agreement import agreeing
 from gcl_core.evaluation.plots import birds_eye
+from gcl_core.evaluation.recording import record
 from gcl_core.registrar import Registrar, RegistrarConfig
 from gcl_core.types import PointCloud, Registration
 
@@ -30,6 +32,7 @@ def add_parser(commands: Any) -> None:
     parser.add_argument('--config', type=Path, help='YAML of RegistrarConfig')
     parser.add_argument('--aligned', type=Path, help='write the source in the target frame here')
     parser.add_argument('--picture', type=Path, help="write a bird's-eye picture (.png) here")
+    parser.add_argument('--rerun', type=Path, help='write a Rerun recording (.rrd) here')
     parser.add_argument('--json', action='store_true', help='print one JSON object')
     parser.set_defaults(run=run)
 
@@ -38,15 +41,37 @@ def run(options: argparse.Namespace) -> int:
     """Register; returns 1 when no transform was accepted."""
     config = load_config(RegistrarConfig, options.config) if options.config else None
     source, target = read_cloud(options.source), read_cloud(options.target)
-    result = Registrar(config).register(source=source, target=target)
+    registrar = Registrar(config)
+    result = registrar.register(source=source, target=target)
     T = result.T_target_source
     if options.aligned and T is not None:
         write_cloud(options.aligned, PointCloud(se3.transform(T, source.points)))
-    if options.picture:
-        title = f'{options.source.name} in the frame of {options.target.name}'
-        birds_eye(options.picture, source=source, target=target, T_target_source=T, title=title)
+    if options.picture or options.rerun:
+        _show(options, registrar, source, target, T)
     print(json.dumps(_summary(result)) if options.json else _text(result))
     return 0 if result.accepted else 1
+
+
+def _show(
+    options: argparse.Namespace,
+    registrar: Registrar,
+    source: PointCloud,
+    target: PointCloud,
+    T: np.ndarray | None,
+) -> None:
+    """Draw and record the pair with the matches that agree."""
+    matches = None
+    if T is not None:
+        turned = registrar.view(source, turns=registrar.config.turns)
+        still = registrar.view(target)
+        matches = agreeing(T, source=turned, target=still, config=registrar.config.match)
+    clouds = {'source': source, 'target': target}
+    pair: dict[str, Any] = {**clouds, 'T_target_source': T, 'matches': matches}
+    if options.picture:
+        title = f'{options.source.name} in the frame of {options.target.name}'
+        birds_eye(options.picture, **pair, title=title)
+    if options.rerun:
+        record(options.rerun, **pair)
 
 
 def _summary(result: Registration) -> dict[str, Any]:

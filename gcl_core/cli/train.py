@@ -20,6 +20,13 @@ def add_parser(commands: Any) -> None:
         epilog='Example: gcl train --config config/train_conv.yaml --out runs/conv',
     )
     parser.add_argument('--config', type=Path, required=True, help='YAML of TrainConfig')
+    parser.add_argument(
+        '--set',
+        nargs='+',
+        default=[],
+        metavar='KEY=VALUE',
+        help='instead of what the YAML says: --set loss.pair=1 samples.phi=4',
+    )
     parser.add_argument('--out', type=Path, required=True, help='checkpoint, log, curves, weights')
     parser.add_argument('--cache', type=Path, help='keep cut samples here, to use them again')
     parser.add_argument('--cache-gb', type=float, default=10.0, help='largest size of the cache')
@@ -33,7 +40,7 @@ def run(options: argparse.Namespace) -> int:
     from gcl_core.training.recipe import TrainConfig
     from gcl_core.training.trainer import Trainer
 
-    config = load_config(TrainConfig, options.config)
+    config = load_config(TrainConfig, options.config, options.set)
     cache = (options.cache, options.cache_gb) if options.cache else None
     with processes() as own:
         trainer = Trainer(config, options.out, own, cache=cache)

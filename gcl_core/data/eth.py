@@ -21,6 +21,7 @@ from jaxtyping import Float
 
 from gcl_core import se3
 from gcl_core.data.clouds import read_cloud
+from gcl_core.data.poses import is_rigid
 from gcl_core.errors import GclError
 from gcl_core.types import PointCloud
 
@@ -82,9 +83,10 @@ def read_links(path: Path, count: int) -> Links:
         GclError: missing or malformed, or it names a cloud that is not among the first `count`.
     """
     try:
-        lines = [line.split() for line in path.read_text().splitlines() if line.strip()]
+        text = path.read_text(errors='replace')
     except OSError:
         raise GclError(f'no file {path}; expected `i j count` and a 4x4 matrix a pair') from None
+    lines = [line.split() for line in text.splitlines() if line.strip()]
     links: Links = {}
     for start in range(0, len(lines), 5):
         try:
@@ -96,6 +98,8 @@ def read_links(path: Path, count: int) -> Links:
             raise GclError(f'{path}, entry {start // 5}: expected a 4x4 matrix, got {T.shape}')
         if not (0 <= i < count and 0 <= j < count):
             raise GclError(f'{path} links {i} and {j}, but there are {count} clouds')
+        if not is_rigid(T):
+            raise GclError(f'{path}, entry {start // 5}: the matrix is no rigid motion')
         links[i, j] = T
     return links
 

@@ -65,6 +65,22 @@ def open_sequences(
     }
 
 
+def sequence_names(path: Path, *, layout: str | None = None) -> list[str]:
+    """Names of all drives of a data set.
+
+    Raises:
+        GclError: no known layout.
+    """
+    kind = _known(layout or detect(path))
+    if kind == 'kitti' and not (path / 'velodyne').is_dir():
+        return sorted(folder.name for folder in (path / 'sequences').glob('*') if folder.is_dir())
+    if kind == 'nuscenes' and versions(path):
+        return list(read_logs(path))
+    if kind == 'eth' and not (path / 'gt.log').is_file():
+        return sorted(log.parent.name for log in path.glob('*/gt.log'))
+    return list(open_sequences(path, layout=kind))
+
+
 def _known(layout: str) -> str:
     if layout not in LAYOUTS:
         raise GclError(f'unknown format {layout!r}; choose one of {", ".join(LAYOUTS)}')

@@ -39,13 +39,19 @@ def segments(
 
 
 def draw_neighbors(
-    positions: Float[np.ndarray, 'n 3'], centre: int, phi: int, rng: np.random.Generator
+    positions: Float[np.ndarray, 'n 3'],
+    centre: int,
+    phi: int,
+    rng: np.random.Generator,
+    *,
+    window: int | None = None,
 ) -> list[int]:
-    """Draw one scan from each segment around a centre scan.
+    """Draw one scan from each segment around a centre scan; see `segments`.
 
     A segment without scans is skipped, as at the ends of a drive.
     """
-    return [int(rng.choice(part)) for part in segments(positions, centre, phi) if len(part)]
+    filled = segments(positions, centre, phi, window=window)
+    return [int(rng.choice(part)) for part in filled if len(part)]
 
 
 def find_groups(

@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from gcl_core import se3
 from gcl_core.data.clouds import read_cloud
-from gcl_core.data.poses import read_poses, read_table
+from gcl_core.data.poses import is_rigid, read_poses, read_table
 from gcl_core.errors import GclError
 from gcl_core.types import PointCloud
 
@@ -93,7 +93,7 @@ def read_calibration(path: Path) -> Float[np.ndarray, '4 4']:
         GclError: missing or malformed.
     """
     try:
-        lines = path.read_text().splitlines()
+        lines = path.read_text(errors='replace').splitlines()
     except OSError:
         raise GclError(f'no file {path}; it belongs to the KITTI odometry download') from None
     for line in lines:
@@ -105,5 +105,8 @@ def read_calibration(path: Path) -> Float[np.ndarray, '4 4']:
                 raise GclError(f'{path}: Tr: {error}') from None
             if values.shape != (12,):
                 raise GclError(f'{path}: Tr has {len(values)} numbers, expected 12')
-            return np.vstack([values.reshape(3, 4), [0.0, 0.0, 0.0, 1.0]])
+            T = np.vstack([values.reshape(3, 4), [0.0, 0.0, 0.0, 1.0]])
+            if not is_rigid(T):
+                raise GclError(f'{path}: Tr is no rigid motion; expected [R | t] row by row')
+            return T
     raise GclError(f'{path} has no line `Tr:`; it belongs to another KITTI download')

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from gcl_core import se3
+from gcl_core.config import read_json
 from gcl_core.errors import GclError
 from gcl_core.types import PointCloud
 
@@ -90,20 +90,21 @@ def read_logs(root: Path, version: str | None = None) -> dict[str, NuScenesSeque
     """
     tables = root / (version or _only_version(root))
     frames = _read(tables, 'sample_data', lambda r: r if _is_lidar_key_frame(r) else None)
+    _check(frames, tables)
     poses = {f['ego_pose_token'] for f in frames.values()}
     ego = _read(tables, 'ego_pose', lambda r: r if r['token'] in poses else None)
     mounts = _read(tables, 'calibrated_sensor')
     samples, scenes, logs = (_read(tables, name) for name in ('sample', 'scene', 'log'))
     found: dict[str, list[KeyFrame]] = {}
-    for frame in sorted(frames.values(), key=lambda f: int(f['timestamp'])):
+    for frame in sorted(frames.values(), key=lambda f: f['timestamp']):
         sample = _row(samples, frame['sample_token'], tables, 'sample')
         scene = _row(scenes, sample['scene_token'], tables, 'scene')
         log = _row(logs, scene['log_token'], tables, 'log')
-        T_world_ego = _pose(_row(ego, frame['ego_pose_token'], tables, 'ego_pose'))
-        mount = _row(mounts, frame['calibrated_sensor_token'], tables, 'calibrated_sensor')
-        T_world_lidar = T_world_ego @ _pose(mount) @ se3.inverse(T_KITTI_SENSOR)
+        T_world_ego = _pose(ego, frame['ego_pose_token'], tables, 'ego_pose')
+        mount = _pose(mounts, frame['calibrated_sensor_token'], tables, 'calibrated_sensor')
+        T_world_lidar = T_world_ego @ mount @ se3.inverse(T_KITTI_SENSOR)
         found.setdefault(log['logfile'], []).append(
-            KeyFrame(root / frame['filename'], int(frame['timestamp']), T_world_lidar)
+            KeyFrame(root / frame['filename'], frame['timestamp'], T_world_lidar)
         )
     if not found:
         raise GclError(f'{tables}/sample_data.json lists no key frame in {LIDAR}')
@@ -141,26 +142,54 @@ def _read(
     """
     path = tables / f'{name}.json'
     try:
-        with path.open() as file:
-            rows = json.load(file, object_hook=keep)
+        rows = read_json(
+            path, 'it belongs to the nuScenes metadata: is the download whole?', object_hook=keep
+        )
         return {row['token']: row for row in rows if row is not None}
-    except OSError:
-        raise GclError(f'no file {path}; it belongs to the nuScenes metadata') from None
+    except GclError:
+        raise
     except KeyError as error:
         raise GclError(f'{path}: a row lacks {error}; is it a nuScenes table?') from None
     except (ValueError, TypeError) as error:
         raise GclError(f'{path} is not a nuScenes table: {error}') from None
 
 
-def _row(table: dict[str, dict[str, Any]], token: str, tables: Path, name: str) -> dict[str, Any]:
-    if token not in table:
+def _check(frames: dict[str, dict[str, Any]], tables: Path) -> None:
+    """Check that key frames have what is read of them."""
+    tokens = ('sample_token', 'ego_pose_token', 'calibrated_sensor_token')
+    for frame in frames.values():
+        whole = isinstance(frame.get('timestamp'), int)
+        if not whole or any(not isinstance(frame.get(key), str) for key in tokens):
+            raise GclError(
+                f'{tables}/sample_data.json: key frame {frame["token"]!r} lacks a timestamp or '
+                f'one of {", ".join(tokens)}; the metadata is damaged'
+            )
+
+
+class _Row(dict[str, Any]):
+    """A row of a table; what it lacks is named."""
+
+    def __missing__(self, key: str) -> Any:
+        raise GclError(f'a row of nuScenes metadata lacks {key!r}; is the download whole?')
+
+
+def _row(table: dict[str, dict[str, Any]], token: str, tables: Path, name: str) -> _Row:
+    if not isinstance(token, str) or not isinstance(table.get(token), dict):
         raise GclError(f'{tables}/{name}.json has no row {token!r}; the metadata is incomplete')
-    return table[token]
+    return _Row(table[token])
 
 
-def _pose(row: dict[str, Any]) -> Float[np.ndarray, '4 4']:
+def _pose(
+    table: dict[str, dict[str, Any]], token: str, tables: Path, name: str
+) -> Float[np.ndarray, '4 4']:
     """Pose of a row with `rotation` (w, x, y, z) and `translation`, metres."""
-    w, x, y, z = row['rotation']
-    return se3.from_rotation_translation(
-        se3.from_quaternion(x, y, z, w), np.asarray(row['translation'], dtype=float)
-    )
+    row = _row(table, token, tables, name)
+    try:
+        w, x, y, z = row['rotation']
+        where = np.array(row['translation'], dtype=float).reshape(3)
+        T = se3.from_rotation_translation(se3.from_quaternion(x, y, z, w), where)
+    except (TypeError, ValueError) as error:
+        raise GclError(f'{tables}/{name}.json, row {token!r} is no pose: {error}') from None
+    if not np.isfinite(T).all():
+        raise GclError(f'{tables}/{name}.json, row {token!r} is no finite pose')
+    return T

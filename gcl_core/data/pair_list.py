@@ -24,6 +24,7 @@ from gcl_core import se3
 from gcl_core.data.pairs import BINS, Pair
 from gcl_core.data.sequence import Sequence
 from gcl_core.errors import GclError
+from gcl_core.files import write_text
 
 
 @dataclass(frozen=True)
@@ -122,10 +123,7 @@ def write_pair_list(path: Path, pairs: PairList) -> None:
         header.append(f'distance_m: {pairs.distance[0]} {pairs.distance[1]}')
     header += [*pairs.notes, 'sequence source target']
     lines = [f'# {line}' for line in header] + _lines(pairs.pairs)
-    try:
-        path.write_text('\n'.join(lines) + '\n')
-    except OSError as error:
-        raise GclError(f'cannot write {path}: {error.strerror}') from None
+    write_text(path, '\n'.join(lines) + '\n')
 
 
 def read_pair_list(path: Path) -> PairList:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -17,11 +18,15 @@ def read_table(path: Path, columns: int) -> Float[np.ndarray, 'n c']:
         GclError: missing, not numbers, of another width, or not finite.
     """
     try:
-        table = np.loadtxt(path, ndmin=2)
+        with warnings.catch_warnings():
+            warnings.simplefilter('ignore')  # of an empty file, which is refused below
+            table = np.loadtxt(path, ndmin=2)
     except OSError:
         raise GclError(f'no file {path}; expected {columns} numbers a line') from None
     except ValueError as error:
         raise GclError(f'{path}: {error}') from None
+    if not table.size:
+        raise GclError(f'{path} is empty; expected {columns} numbers a line')
     if table.shape[1] != columns:
         raise GclError(f'{path}: expected {columns} numbers a line, got {table.shape[1]}')
     if not np.isfinite(table).all():
@@ -39,12 +44,19 @@ def read_poses(path: Path) -> Float[np.ndarray, 'n 4 4']:
     poses = np.zeros((len(table), 4, 4))
     poses[:, :3] = table.reshape(-1, 3, 4)
     poses[:, 3, 3] = 1.0
-    rotation = poses[:, :3, :3]
-    off = np.abs(rotation @ rotation.transpose(0, 2, 1) - np.eye(3)).max((1, 2))
-    bad = np.flatnonzero((off > 0.01) | (np.linalg.det(rotation) < 0))
+    bad = np.flatnonzero([not is_rigid(pose) for pose in poses])
     if len(bad):
         raise GclError(
             f'{path}, line {bad[0] + 1}: the first three columns are no rotation; '
             'expected the 3x4 matrix [R | t] row by row'
         )
     return poses
+
+
+def is_rigid(T: Float[np.ndarray, '4 4']) -> bool:
+    """Whether a matrix is finite and its rotation is one, within 1 %."""
+    rotation = T[:3, :3]
+    if not np.isfinite(T).all() or np.abs(rotation).max() > 2.0:
+        return False
+    off = np.abs(rotation @ rotation.T - np.eye(3)).max()
+    return bool(off <= 0.01 and np.linalg.det(rotation) > 0)

@@ -7,7 +7,7 @@ JSON file beside the weights that they were found with.
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, astuple, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +15,13 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
-from gcl_core.config import from_mapping
+from gcl_core.config import from_mapping, read_json
 from gcl_core.errors import GclError
+from gcl_core.estimation.evidence import COLUMNS
+from gcl_core.files import write_text
+
+REMEDY = 'write it with `python -m gcl_core.evaluation.calibrate`'
+TRUST_COLUMNS = 3  # see `Calibration.trust`
 
 
 @dataclass(frozen=True)
@@ -86,20 +91,28 @@ def load_calibration(path: Path) -> Calibration:
     Raises:
         GclError: missing or malformed.
     """
-    try:
-        content = json.loads(path.read_text())
-    except (OSError, ValueError) as error:
-        raise GclError(
-            f'cannot read calibration {path}: {error}; '
-            'write it with `python -m gcl_core.evaluation.calibrate`'
-        ) from None
-    content.pop('record', None)
-    return from_mapping(Calibration, content, str(path))
+    content = read_json(path, REMEDY)
+    if isinstance(content, dict):
+        content.pop('record', None)
+    calibration = from_mapping(Calibration, content, str(path))
+    judges = {'rank': len(COLUMNS), 'fine': len(COLUMNS), 'trust': TRUST_COLUMNS}
+    for name, columns in judges.items():
+        judge: Judge = getattr(calibration, name)
+        if len(judge.weight) != columns:
+            raise GclError(
+                f'{path}: {name} weighs {len(judge.weight)} columns of evidence, this version has '
+                f'{columns}; {REMEDY}'
+            )
+        if not np.isfinite([*judge.weight, judge.bias]).all():
+            raise GclError(f'{path}: a number of {name} is not finite; {REMEDY}')
+    if not np.isfinite([*astuple(calibration.spread)]).all():
+        raise GclError(f'{path}: a number of spread is not finite; {REMEDY}')
+    return calibration
 
 
 def save_calibration(path: Path, calibration: Calibration, record: dict[str, Any]) -> None:
     """Write fitted numbers and where they come from."""
-    path.write_text(json.dumps({**asdict(calibration), 'record': record}, indent=1) + '\n')
+    write_text(path, json.dumps({**asdict(calibration), 'record': record}, indent=1) + '\n')
 
 
 def fit_judge(

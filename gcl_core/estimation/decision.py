@@ -13,9 +13,10 @@ from gcl_core.errors import GclError
 from gcl_core.estimation.confidence import Calibration
 from gcl_core.estimation.evidence import Scene, evidence
 from gcl_core.estimation.hypothesis import Hypothesis, distinct
-from gcl_core.estimation.refine import Prepared, RefineConfig, Refined, refine
+from gcl_core.estimation.refine import Prepared, RefineConfig, Refined, refine_all
 
 NO_RIVAL = 20.0  # lead in log odds when no other place was found
+HOPELESS = 6.0  # log odds behind the best hypothesis, beyond which refinement changes nothing
 SATURATION = 5.0  # log odds beyond which more says little more: real scans differ from the fit's
 
 
@@ -75,7 +76,7 @@ def examine(
 
 def refine_finalists(
     hypotheses: list[Hypothesis],
-    rows: list[int],
+    odds: Float[torch.Tensor, ' h'],
     scene: Scene,
     *,
     source: Prepared,
@@ -83,35 +84,36 @@ def refine_finalists(
     verify: VerifyConfig,
     config: RefineConfig,
 ) -> list[Finalist]:
-    """Refine hypotheses and look at the evidence again; those that became one place come once.
+    """Refine the best hypotheses and look at the evidence again; what became one place comes once.
 
     Args:
         hypotheses: all that were found.
-        rows: those to refine, best first.
+        odds: log odds of each.
         scene: for the checks.
         source: for GICP.
         target: for GICP.
-        verify: tolerance of the checks.
+        verify: how many, and the tolerance of the checks.
         config: of GICP.
     """
-    chosen = [hypotheses[i] for i in rows]
-    refined = [
-        refine(h.T_target_source.numpy(), source=source, target=target, config=config)
-        for h in chosen
-    ]
+    rows = odds.argsort(descending=True)[: verify.finalists]
+    chosen = [hypotheses[i] for i in rows.tolist()]
+    starts = [h.T_target_source.numpy() for h in chosen]
+    hopeful = int((odds[rows] > odds[rows[0]] - HOPELESS).sum())
+    refined = refine_all(starts[:hopeful], source=source, target=target, config=config)
+    refined += [Refined(T, np.eye(6), walked=True) for T in starts[hopeful:]]
     after = torch.from_numpy(np.stack([r.T_target_source for r in refined]))
     support = torch.tensor([h.inliers for h in chosen])
     columns = evidence(after, support, scene, tolerance=verify.fine_tolerance)
-    finalists = []
+    finalists, apart = [], distinct(after, after)
     for i, r in enumerate(refined):
-        if all(bool(distinct(after[i], after[k])) for k in range(i)):
+        if bool(apart[i, :i].all()):
             lead = _lead(after[i], chosen[i].inliers, hypotheses)
             finalists.append(Finalist(r, columns[i], chosen[i].inliers, lead))
     return finalists
 
 
 def _lead(T: Float[torch.Tensor, '4 4'], inliers: int, hypotheses: list[Hypothesis]) -> float:
-    away = distinct(stacked(hypotheses), T).tolist()
+    away = distinct(stacked(hypotheses), T[None])[:, 0].tolist()
     rival = max((h.inliers for h, other in zip(hypotheses, away) if other), default=0)
     return math.log1p(inliers) - math.log1p(rival)
 

@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 DISTINCT_DISTANCE, DISTINCT_ANGLE = 3.0, math.radians(10.0)
+BLOCK = 256  # hypotheses that are compared with each other at a time
 
 
 @dataclass(frozen=True)
@@ -26,10 +28,13 @@ class Hypothesis:
     inliers: int
 
 
-def distinct(a: Float[torch.Tensor, '*h 4 4'], b: Float[torch.Tensor, '4 4']) -> torch.Tensor:
+def distinct(
+    a: Float[torch.Tensor, 'h 4 4'], b: Float[torch.Tensor, 'k 4 4']
+) -> Bool[torch.Tensor, 'h k']:
     """Whether transforms mean another place or heading: over 3 m or 10 degrees apart."""
-    away = (a[..., :3, 3] - b[:3, 3]).square().sum(-1) > DISTINCT_DISTANCE**2
-    trace = a[..., :3, :3].flatten(-2) @ b[:3, :3].flatten()
+    between = a[:, None, :3, 3] - b[None, :, :3, 3]
+    trace = a[:, :3, :3].flatten(1) @ b[:, :3, :3].flatten(1).t()
+    away = between.square().sum(2) > DISTINCT_DISTANCE**2
     return away | (trace < 1 + 2 * math.cos(DISTINCT_ANGLE))
 
 
@@ -37,13 +42,19 @@ def distinct_best(
     T: Float[torch.Tensor, 'h 4 4'], scores: Float[torch.Tensor, ' h'], limit: int
 ) -> list[int]:
     """Rows of the best transforms, best first, each distinct from all before it."""
-    scores, rows = scores.clone(), list[int]()
-    while len(rows) < limit and len(scores):
-        best = int(scores.argmax())
-        if scores[best] <= 0:
-            break
-        rows.append(best)
-        scores[~distinct(T, T[best])] = -1.0
+    order = scores.argsort(descending=True, stable=True)[: int((scores > 0).sum())]
+    rows = list[int]()
+    for begin in range(0, len(order), BLOCK):
+        block = order[begin : begin + BLOCK]
+        block = block[distinct(T[block], T[rows]).all(1)]
+        away = distinct(T[block], T[block]).numpy()
+        free = np.ones(len(block), dtype=bool)
+        for i, row in enumerate(block.tolist()):
+            if free[i]:
+                rows.append(row)
+                free &= away[i]
+                if len(rows) == limit:
+                    return rows
     return rows
 
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import torch
 from jaxtyping import Float, Int64
 
-from gcl_core.estimation.surface import SOLID_HEIGHT, grid_cell, grid_shape
+from gcl_core.estimation.surface import SOLID_HEIGHT, grid_cell, grid_shape, neighbors
 from gcl_core.matching.keypoints import choose
 from gcl_core.ops.ground import height_above_ground
 from gcl_core.types import Features
@@ -44,19 +45,15 @@ class KeypointGrid:
 def keypoint_grid(features: Features) -> KeypointGrid:
     """Index a target's key points."""
     kept = raised(features, None)
-    shape = grid_shape(CELL)
-    row = torch.full((shape[0] * shape[1] * shape[2],), -1)
-    limit = torch.tensor(shape) - 1
-    cell, inside = grid_cell(kept.points, CELL)
+    row = torch.full((math.prod(grid_shape(CELL)),), -1)
+    cell, inside = grid_cell(kept.points.t(), CELL)
     index, cell = torch.nonzero(inside).squeeze(1), cell[inside]
-    offsets = torch.cartesian_prod(*[torch.arange(-1, 2)] * 3)
-    for ring in (offsets[offsets.abs().sum(1) == 1], offsets[offsets.abs().sum(1) == 0]):
-        places = torch.minimum((cell + ring[:, None]).clamp(min=0), limit)
-        x, y, z = places.reshape(-1, 3).unbind(1)
-        flat = (x * shape[1] + y) * shape[2] + z
-        # The nearer ring overwrites; within a ring the last row wins, whatever the threads do.
-        newest = torch.full_like(row, -1).scatter_reduce(0, flat, index.repeat(len(ring)), 'amax')
-        row = torch.where(newest >= 0, newest, row)
+    around = neighbors(CELL)
+    beside = around[around[:, :3].abs().sum(1) == 1, 3]
+    # Among equally near ones the last key point wins, whatever the threads do.
+    row.scatter_reduce_(0, (cell + beside[:, None]).flatten(), index.repeat(len(beside)), 'amax')
+    row[cell] = -1
+    row.scatter_reduce_(0, cell, index, 'amax')
     centred = kept.descriptors - kept.descriptors.mean(0)
     covariance = centred.t() @ centred / max(1, len(kept))
     return KeypointGrid(kept, row, kept.descriptors.mean(0), covariance)
@@ -71,11 +68,9 @@ def likeness(
     and a random one of the target: 0 by chance.
     """
     T = T_target_source.float()
-    moved = source.points @ T[:, :3, :3].transpose(1, 2) + T[:, None, :3, 3]
+    moved = T[:, :3, :3] @ source.points.t() + T[:, :3, 3:]
     cell, inside = grid_cell(moved, CELL)
-    shape = grid_shape(CELL)
-    flat = (cell[..., 0] * shape[1] + cell[..., 1]) * shape[2] + cell[..., 2]
-    row = target.row[flat]
+    row = target.row[cell]
     met = inside & (row >= 0)
     h, p = met.nonzero(as_tuple=True)
     d = source.descriptors

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import torch
-from jaxtyping import Float, Int64
+from jaxtyping import Bool, Float, Int64
 
 from gcl_core.errors import GclError
 from gcl_core.estimation.hypothesis import Hypothesis, distinct_best, ranked
@@ -107,21 +107,30 @@ def _hypotheses(
 ) -> Float[torch.Tensor, 'h 4 4']:
     """Solve the minimal sets whose edges agree."""
     level = config.model == 'level'
+    ends = torch.cat([c.source, c.target], 1).t().contiguous()
     for i, j in EDGES[config.model]:
-        p = c.source[sets[:, j]] - c.source[sets[:, i]]
-        q = c.target[sets[:, j]] - c.target[sets[:, i]]
-        kept = (p[:, 2] - q[:, 2]).abs() < (1.5 * config.threshold if level else math.inf)
-        if level:
-            p, q = p[:, :2], q[:, :2]
-        a, b = p.norm(dim=1), q.norm(dim=1)
-        kept &= torch.minimum(a, b) > config.edge_ratio * torch.maximum(a, b)
-        kept &= (a - b).abs() < 2.0 * config.threshold
-        sets = sets[kept & (torch.minimum(a, b) > config.min_edge)]
+        first, second = sets[:, i].contiguous(), sets[:, j].contiguous()
+        edges = ends.index_select(1, second) - ends.index_select(1, first)
+        sets = sets[_agree(edges[:3], edges[3:], config)]
     T = (from_two_points if level else from_three_points)(c.source[sets], c.target[sets])
-    # Three points on a line, or one point thrice, give no rotation.
-    kept = (torch.linalg.det(T[:, :3, :3]) - 1).abs() < 1e-3
     if level:
-        kept &= T[:, 2, 3].abs() < config.max_height_difference
+        kept = T[:, 2, 3].abs() < config.max_height_difference
+    else:  # three points on a line, or one point thrice, give no rotation
+        kept = (torch.linalg.det(T[:, :3, :3]) - 1).abs() < 1e-3
     if max_yaw < math.pi:
         kept &= torch.atan2(T[:, 1, 0], T[:, 0, 0]).abs() < max_yaw
     return T[kept]
+
+
+def _agree(
+    p: Float[torch.Tensor, '3 h'], q: Float[torch.Tensor, '3 h'], config: RansacConfig
+) -> Bool[torch.Tensor, ' h']:
+    """Whether two edges are long enough and of one length; of one rise, too, if level."""
+    axes = 2 if config.model == 'level' else 3
+    a, b = p[:axes].square().sum(0).sqrt_(), q[:axes].square().sum(0).sqrt_()
+    shorter, longer = torch.minimum(a, b), torch.maximum(a, b)
+    kept = (shorter > config.edge_ratio * longer) & (shorter > config.min_edge)
+    kept &= longer - shorter < 2.0 * config.threshold
+    if config.model == 'level':
+        kept &= (p[2] - q[2]).abs() < 1.5 * config.threshold
+    return kept

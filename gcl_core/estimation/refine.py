@@ -2,15 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import small_gicp
-from jaxtyping import Float
+import torch
+from jaxtyping import Float, Float32
 
 from gcl_core import se3
 from gcl_core.errors import GclError
+from gcl_core.estimation.crop import meeting
+from gcl_core.ops.voxelize import voxelize
 from gcl_core.types import PointCloud
+
+MAX_RANGE = 80.0  # metres
+NEIGHBORS = 10  # that a covariance is estimated from (small_gicp's default for whole scans)
+MARGIN = 1.5  # reaches around a scan that the other's points are kept in: it moves a little
+FEWEST = 20  # points of a scan that meet the other's; fewer refine nothing
 
 
 @dataclass(frozen=True)
@@ -26,9 +35,9 @@ class RefineConfig:
         threads: of small_gicp; more than one changes the last bits from run to run.
     """
 
-    resolution: tuple[float, ...] = (0.8, 0.3)
+    resolution: tuple[float, ...] = (1.0, 0.5)
     reach: tuple[float, ...] = (2.0, 0.8)
-    iterations: int = 20
+    iterations: int = 10
     max_move: float = 3.0
     max_turn_deg: float = 6.0
     threads: int = 1
@@ -57,19 +66,21 @@ class Refined:
     walked: bool
 
 
-Prepared = list[tuple[object, object]]
+Prepared = list[Float32[np.ndarray, 'n 3']]  # a scan's points, thinned for each step
 
 
 def prepare(cloud: PointCloud, config: RefineConfig) -> Prepared:
-    """Thin a scan and estimate its covariances, once per scan; points and tree of each step."""
-    return [
-        small_gicp.preprocess_points(
-            cloud.points.astype(np.float64),
-            downsampling_resolution=resolution,
-            num_threads=config.threads,
-        )
-        for resolution in config.resolution
-    ]
+    """Thin a scan, once per scan; a coarser step's points come from the finer one's.
+
+    Raises:
+        GclError: no point lies within 80 m.
+    """
+    thinned = {}
+    for resolution in sorted(config.resolution):
+        points = voxelize([cloud], voxel_size=resolution, max_range=MAX_RANGE).points
+        thinned[resolution] = points.numpy()
+        cloud = PointCloud(points.numpy())
+    return [thinned[resolution] for resolution in config.resolution]
 
 
 def refine(
@@ -80,22 +91,64 @@ def refine(
     config: RefineConfig,
 ) -> Refined:
     """Refine a transform; return it unchanged if GICP leaves its neighbourhood."""
-    refined, information = T_target_source, np.eye(6)
-    for (points, _), (target_points, tree), reach in zip(source, target, config.reach):
-        result = small_gicp.align(
-            target_points,
-            points,
-            tree,
-            init_T_target_source=refined,
-            registration_type='GICP',
-            max_correspondence_distance=reach,
-            num_threads=config.threads,
-            max_iterations=config.iterations,
-        )
-        refined, information = np.asarray(result.T_target_source), np.asarray(result.H)
-    if walked(T_target_source, refined, config) or not np.isfinite(information).all():
-        return Refined(T_target_source, np.eye(6), walked=True)
-    return Refined(refined, _in_target_frame(information, refined), walked=False)
+    return refine_all([T_target_source], source=source, target=target, config=config)[0]
+
+
+def refine_all(
+    T_target_source: Sequence[Float[np.ndarray, '4 4']],
+    *,
+    source: Prepared,
+    target: Prepared,
+    config: RefineConfig,
+) -> list[Refined]:
+    """Refine several transforms of a pair; they share what is prepared for each step."""
+    current = [Refined(T, np.eye(6), walked=False) for T in T_target_source]
+    for points, target_points, reach in zip(source, target, config.reach):
+        going = [r.T_target_source for r in current if not r.walked]
+        met = meeting(points, target_points, going, MARGIN * reach)
+        if min(map(len, met)) < FEWEST:
+            continue
+        (moved, _), still = map(_with_covariances, met)
+        for i, (start, now) in enumerate(zip(T_target_source, current)):
+            if not now.walked:
+                current[i] = _align(start, now.T_target_source, moved, *still, reach, config)
+    return current
+
+
+def _with_covariances(
+    points: Float32[np.ndarray, 'n 3'],
+) -> tuple[small_gicp.PointCloud, small_gicp.KdTree]:
+    cloud = small_gicp.PointCloud(points.astype(np.float64))
+    tree = small_gicp.KdTree(cloud)
+    # A covariance depends on its own point alone: threads do not change it.
+    small_gicp.estimate_covariances(cloud, tree, NEIGHBORS, torch.get_num_threads())
+    return cloud, tree
+
+
+def _align(
+    start: Float[np.ndarray, '4 4'],
+    now: Float[np.ndarray, '4 4'],
+    source: small_gicp.PointCloud,
+    target: small_gicp.PointCloud,
+    tree: small_gicp.KdTree,
+    reach: float,
+    config: RefineConfig,
+) -> Refined:
+    """Go one step of GICP from `now`; go back to `start` if it leads too far away from there."""
+    result = small_gicp.align(
+        target,
+        source,
+        tree,
+        init_T_target_source=now,
+        registration_type='GICP',
+        max_correspondence_distance=reach,
+        num_threads=config.threads,
+        max_iterations=config.iterations,
+    )
+    T, information = np.asarray(result.T_target_source), np.asarray(result.H)
+    if walked(start, T, config) or not np.isfinite(information).all():
+        return Refined(start, np.eye(6), walked=True)
+    return Refined(T, _in_target_frame(information, T), walked=False)
 
 
 def walked(

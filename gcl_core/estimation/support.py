@@ -16,7 +16,7 @@ from gcl_core.estimation.hypothesis import Hypothesis
 from gcl_core.estimation.procrustes import from_moments, products
 from gcl_core.types import Correspondences
 
-BLOCK = 1 << 21  # hypotheses x correspondences held at a time: 8 MB of float32
+BLOCK = 1 << 17  # hypotheses x correspondences held at a time: they stay in the cache
 
 
 class Support:
@@ -40,19 +40,20 @@ class Support:
     def scores(self, T: Float[torch.Tensor, 'h 4 4']) -> Float[torch.Tensor, ' h']:
         """Sum of the inliers' weights for each transform."""
         step = max(1, BLOCK // max(1, len(self.weight)))
-        blocks = [
-            self.inliers(T[i : i + step]).float() @ self.weight for i in range(0, len(T), step)
-        ]
-        return torch.cat(blocks) if blocks else self.weight.new_zeros(0)
+        rows, scores = _rows(T.float()), self.weight.new_empty(len(T))
+        for i in range(0, len(T), step):
+            residuals = rows[i : i + step] @ self._columns
+            torch.mv(residuals.lt_(self._limit), self.weight, out=scores[i : i + step])
+        return scores
 
     def polish(self, T: Float[torch.Tensor, 'h 4 4'], steps: int) -> list[Hypothesis]:
         """Re-estimate all six degrees of freedom from the inliers while the support grows."""
         if len(T) == 0:
             return []
-        best, inlier = T.double(), self.inliers(T)
+        best, inlier, table = T.double(), self.inliers(T), self.table.double()
         score = inlier.float() @ self.weight
         for _ in range(steps):
-            moments = (inlier * (self.weight + 1e-6)).double() @ self.table.double()
+            moments = (inlier * (self.weight + 1e-6)).double() @ table
             candidate = from_moments(moments)
             new_inlier = self.inliers(candidate)
             new_score = new_inlier.float() @ self.weight

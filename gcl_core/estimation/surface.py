@@ -20,6 +20,7 @@ MAX_RANGE = 80.0  # metres
 CHECKED = 2000  # solid points of a scan that are checked, spread in space
 AZIMUTH, ELEVATION = math.radians(0.6), math.radians(0.8)  # cell of the range image
 LOWEST, HIGHEST = math.radians(-32.0), math.radians(24.0)
+ROWS, COLUMNS = round((HIGHEST - LOWEST) / ELEVATION), round(2 * math.pi / AZIMUTH)
 CELL = 0.5  # metres, of the occupancy grid
 GROUND_CELL = 2.0  # metres
 BELOW, ABOVE = -12.0, 18.0  # metres, height of the grids around the sensor
@@ -34,16 +35,16 @@ class Surface:
         ground: points of the ground, likewise.
         near: shortest range around each direction, metres; 0 where no return came back.
         far: longest range around each direction; inf where no return came back.
-        occupied: 2 where a cell holds solid points, 1 beside such a cell.
-        height: ground height of each cell; nan where none was seen.
+        occupied: 2 where a cell (see `grid_cell`) holds solid points, 1 beside such a cell.
+        height: ground height of each column of cells; nan where none was seen.
     """
 
     solid: Float[torch.Tensor, 'n 3']
     ground: Float[torch.Tensor, 'm 3']
     near: Float[torch.Tensor, 'elevation azimuth']
     far: Float[torch.Tensor, 'elevation azimuth']
-    occupied: UInt8[torch.Tensor, 'x y z']
-    height: Float[torch.Tensor, 'x y']
+    occupied: UInt8[torch.Tensor, ' cells']
+    height: Float[torch.Tensor, ' columns']
 
 
 def surface(cloud: PointCloud) -> Surface:
@@ -55,7 +56,7 @@ def surface(cloud: PointCloud) -> Surface:
     points = voxelize([cloud], voxel_size=SPACING, max_range=MAX_RANGE).points
     above = height_above_ground(points, torch.zeros(len(points), dtype=torch.long))
     solid, ground = points[above > SOLID_HEIGHT], points[above < GROUND_HEIGHT]
-    near, far = _range_image(torch.from_numpy(cloud.points))
+    near, far = _range_image(torch.from_numpy(cloud.points).t().contiguous())
     return Surface(
         solid=solid[spread(solid, CHECKED, seed=0)],
         ground=ground[spread(ground, CHECKED // 2, seed=0)],
@@ -67,29 +68,30 @@ def surface(cloud: PointCloud) -> Surface:
 
 
 def direction_cell(
-    points: Float[torch.Tensor, '*n 3'],
-) -> tuple[Int64[torch.Tensor, '*n'], Float[torch.Tensor, '*n'], Bool[torch.Tensor, '*n']]:
+    points: Float[torch.Tensor, '*h 3 n'],
+) -> tuple[Int64[torch.Tensor, '*h n'], Float[torch.Tensor, '*h n'], Bool[torch.Tensor, '*h n']]:
     """Flat cell of the range image, range, and whether the direction lies within the image."""
-    x, y, z = points.unbind(-1)
+    x, y, z = points.unbind(-2)
     flat = x * x + y * y
-    elevation = torch.atan2(z, flat.sqrt())
-    columns, rows = round(2 * math.pi / AZIMUTH), round((HIGHEST - LOWEST) / ELEVATION)
-    column = ((torch.atan2(y, x) + math.pi) / AZIMUTH).long() % columns
-    row = ((elevation - LOWEST) / ELEVATION).floor().long()
-    inside = (row >= 0) & (row < rows)
-    return row.clamp(0, rows - 1) * columns + column, (flat + z * z).sqrt(), inside
+    column = ((torch.atan2(y, x) + math.pi) / AZIMUTH).floor_()
+    column = torch.where(column < COLUMNS, column, 0.0)  # straight behind is one direction
+    row = ((torch.atan2(z, flat.sqrt()) - LOWEST) / ELEVATION).floor_()
+    inside = (row >= 0) & (row < ROWS)
+    cell = row.clamp_(0, ROWS - 1).mul_(COLUMNS).add_(column)
+    return cell.long(), (flat + z * z).sqrt_(), inside
 
 
-def _range_image(points: Float[torch.Tensor, 'n 3']) -> tuple[torch.Tensor, torch.Tensor]:
+def _range_image(points: Float[torch.Tensor, '3 n']) -> tuple[torch.Tensor, torch.Tensor]:
     """Shortest and longest range over 3 x 3 cells around each direction."""
-    columns, rows = round(2 * math.pi / AZIMUTH), round((HIGHEST - LOWEST) / ELEVATION)
     cell, distance, inside = direction_cell(points)
-    cell, distance = cell[inside], distance[inside]
-    near = torch.full((rows * columns,), math.inf).scatter_reduce(0, cell, distance, 'amin')
-    far = torch.full((rows * columns,), -math.inf).scatter_reduce(0, cell, distance, 'amax')
+    # What lies outside goes to a cell of its own.
+    cell = torch.where(inside, cell, ROWS * COLUMNS)
+    empty = torch.full((ROWS * COLUMNS + 1,), math.inf)
+    near = empty.scatter_reduce(0, cell, distance, 'amin')[:-1]
+    far = (-empty).scatter_reduce(0, cell, distance, 'amax')[:-1]
 
     def widest(image: torch.Tensor) -> torch.Tensor:
-        grid = image.view(1, 1, rows, columns)
+        grid = image.view(1, 1, ROWS, COLUMNS)
         around = torch.cat([grid[..., -1:], grid, grid[..., :1]], 3)
         return torch.nn.functional.max_pool2d(around, 3, 1, (1, 0))[0, 0]
 
@@ -97,41 +99,46 @@ def _range_image(points: Float[torch.Tensor, 'n 3']) -> tuple[torch.Tensor, torc
     return torch.where(near.isinf(), 0.0, near), torch.where(far.isinf(), math.inf, far)
 
 
-def grid_cell(
-    points: Float[torch.Tensor, '*n 3'], size: float
-) -> tuple[Int64[torch.Tensor, '*n 3'], Bool[torch.Tensor, '*n']]:
-    """Cell of a grid of edge `size` around the sensor, and whether it lies within the grid."""
-    corner = points.new_tensor([-MAX_RANGE, -MAX_RANGE, BELOW])
-    cell = ((points - corner) / size).floor().long()
-    limit = torch.tensor(grid_shape(size))
-    inside = ((cell >= 0) & (cell < limit)).all(-1)
-    return torch.minimum(cell.clamp(min=0), limit - 1), inside
-
-
 def grid_shape(size: float) -> tuple[int, int, int]:
-    """Cells of such a grid along x, y and z."""
-    across = math.ceil(2 * MAX_RANGE / size)
-    return across, across, math.ceil((ABOVE - BELOW) / size)
+    """Cells along x, y and z of a grid of edge `size` around the sensor, the margin included."""
+    across = math.ceil(2 * MAX_RANGE / size) + 2
+    return across, across, math.ceil((ABOVE - BELOW) / size) + 2
 
 
-def _occupancy(solid: Float[torch.Tensor, 'n 3']) -> UInt8[torch.Tensor, 'x y z']:
-    grid = torch.zeros(grid_shape(CELL), dtype=torch.uint8)
-    cell, inside = grid_cell(solid, CELL)
-    flat = torch.unique((cell[inside] << torch.tensor([20, 10, 0])).sum(1))
-    cell = torch.stack([flat >> 20, (flat >> 10) & 1023, flat & 1023], 1)
-    limit = torch.tensor(grid.shape) - 1
-    for offset in torch.cartesian_prod(*[torch.arange(-1, 2)] * 3):
-        x, y, z = torch.minimum((cell + offset).clamp(min=0), limit).unbind(1)
-        grid[x, y, z] = 1
-    x, y, z = cell.unbind(1)
-    grid[x, y, z] = 2
+def grid_cell(
+    points: Float[torch.Tensor, '*h 3 n'], size: float
+) -> tuple[Int64[torch.Tensor, '*h n'], Bool[torch.Tensor, '*h n']]:
+    """Flat cell of such a grid, and whether it lies within the margin; cell 0 if it does not."""
+    shape = grid_shape(size)
+    flat, inside = torch.zeros(1), torch.ones(1, dtype=torch.bool)
+    for row, low, cells in zip(points.unbind(-2), (-MAX_RANGE, -MAX_RANGE, BELOW), shape):
+        place = ((row - low) / size).floor_() + 1
+        inside = inside & (place > 0) & (place < cells - 1)
+        flat = flat * cells + place  # exact: float32 counts to 16 million
+    return torch.where(inside, flat, 0.0).long(), inside
+
+
+def neighbors(size: float) -> Int64[torch.Tensor, '27 4']:
+    """Offsets of the cells around one: x, y, z, and what to add to a flat cell."""
+    shape = grid_shape(size)
+    offsets = torch.cartesian_prod(*[torch.arange(-1, 2)] * 3)
+    flat = (offsets * torch.tensor([shape[1] * shape[2], shape[2], 1])).sum(1, keepdim=True)
+    return torch.cat([offsets, flat], 1)
+
+
+def _occupancy(solid: Float[torch.Tensor, 'n 3']) -> UInt8[torch.Tensor, ' cells']:
+    grid = torch.zeros(math.prod(grid_shape(CELL)), dtype=torch.uint8)
+    cell, inside = grid_cell(solid.t(), CELL)
+    cell = cell[inside].unique()
+    grid[(cell[:, None] + neighbors(CELL)[:, 3]).flatten()] = 1
+    grid[cell] = 2
     return grid
 
 
-def _ground_grid(ground: Float[torch.Tensor, 'n 3']) -> Float[torch.Tensor, 'x y']:
-    """Mean height of the ground points of each cell."""
-    cell, inside = grid_cell(ground, GROUND_CELL)
-    across = grid_shape(GROUND_CELL)[0]
-    flat = cell[inside][:, 0] * across + cell[inside][:, 1]
-    total = torch.zeros(across * across).index_add_(0, flat, ground[inside][:, 2])
-    return (total / torch.bincount(flat, minlength=across * across)).view(across, across)
+def _ground_grid(ground: Float[torch.Tensor, 'n 3']) -> Float[torch.Tensor, ' columns']:
+    """Mean height of the ground points of each column of cells."""
+    across, _, upwards = grid_shape(GROUND_CELL)
+    cell, inside = grid_cell(ground.t(), GROUND_CELL)
+    column, columns = cell[inside] // upwards, across * across
+    total = torch.zeros(columns).index_add_(0, column, ground[inside][:, 2])
+    return total / torch.bincount(column, minlength=columns)

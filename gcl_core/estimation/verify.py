@@ -18,6 +18,7 @@ from gcl_core.estimation.surface import (
     Surface,
     direction_cell,
     grid_cell,
+    grid_shape,
 )
 
 
@@ -72,17 +73,17 @@ def _one_way(
     T: Float[torch.Tensor, 'h 4 4'], mover: Surface, other: Surface, tolerance: float
 ) -> list[Float[torch.Tensor, ' h']]:
     """Count solid points visible, in conflict, touching, close; ground known, agreeing."""
-    moved = mover.solid @ T[:, :3, :3].transpose(1, 2) + T[:, None, :3, 3]
+    moved = T[:, :3, :3] @ mover.solid.t() + T[:, :3, 3:]
     cell, distance, inside = direction_cell(moved)
     near, far = other.near.view(-1)[cell], other.far.view(-1)[cell]
     slack = tolerance + 0.02 * distance  # a degree of turn or tilt, and the thinning of beams
     # Seen: the other scan has returns in this direction, and none of them hides the point.
     visible = inside & (near > 0) & (distance < far + slack)
     conflict = visible & (distance < near - slack)
-    x, y, z = (grid := grid_cell(moved, CELL))[0].unbind(-1)
-    occupied = other.occupied[x, y, z]
-    touching = visible & grid[1] & (occupied > 0)
-    close = visible & grid[1] & (occupied > 1)
+    cell, within = grid_cell(moved, CELL)
+    occupied = other.occupied[cell]
+    touching = visible & within & (occupied > 0)
+    close = visible & within & (occupied > 1)
     return [
         c.sum(1).float()
         for c in (visible, conflict, touching, close, *_ground(T, mover, other, tolerance))
@@ -93,8 +94,8 @@ def _ground(
     T: Float[torch.Tensor, 'h 4 4'], mover: Surface, other: Surface, tolerance: float
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Which ground points lie where the other scan knows the ground, and which agree with it."""
-    moved = mover.ground @ T[:, :3, :3].transpose(1, 2) + T[:, None, :3, 3]
+    moved = T[:, :3, :3] @ mover.ground.t() + T[:, :3, 3:]
     cell, inside = grid_cell(moved, GROUND_CELL)
-    height = other.height[cell[..., 0], cell[..., 1]]
+    height = other.height[cell // grid_shape(GROUND_CELL)[2]]
     known = inside & ~height.isnan()
-    return known, known & ((moved[..., 2] - height).abs() < 0.5 * tolerance)
+    return known, known & ((moved[:, 2] - height).abs() < 0.5 * tolerance)

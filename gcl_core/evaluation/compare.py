@@ -3,27 +3,25 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator
-from dataclasses import replace
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from typing import Any, cast
 
 import numpy as np
 import torch
+from jaxtyping import Float
 
-from gcl_core.data.pairs import Pair
-from gcl_core.data.sequence import Sequence
+from gcl_core import se3
 from gcl_core.estimation.estimators import estimate
-from gcl_core.estimation.hypothesis import Hypothesis
 from gcl_core.estimation.refine import prepare, refine
 from gcl_core.evaluation.peers import fpfh_features
-from gcl_core.evaluation.predict import Prediction, turned_pairs
+from gcl_core.evaluation.predict import Outcome
 from gcl_core.matching.match import MatchConfig, match
-from gcl_core.registrar import Registrar, RegistrarConfig, max_heading
+from gcl_core.registrar import Registrar, RegistrarConfig
 from gcl_core.types import Features, PointCloud
 
 PAPER = 'paper'  # Open3D's RANSAC on the paper's matches: one-way, 5,000 random key points
 PAPER_MATCHES = MatchConfig(kind='one_way', keypoints=5000, spread=False)
-FEATURES = ('ours', 'fpfh')
 
 
 def settings(config: RegistrarConfig, estimator: str) -> RegistrarConfig:
@@ -35,58 +33,85 @@ def settings(config: RegistrarConfig, estimator: str) -> RegistrarConfig:
     return replace(config, estimator=chosen)
 
 
-def best_hypothesis(
-    headings: list[Features], turns: torch.Tensor, target: Features, config: RegistrarConfig
-) -> Hypothesis | None:
-    """Match and estimate at every heading; the hypothesis of most support."""
-    limit = max_heading(len(headings)) if len(headings) > 1 else np.pi
-    found = []
-    for features, turn in zip(headings, turns):
-        matches = match(source=features, target=target, config=config.match)
-        for h in estimate(matches, config.estimator, max_yaw=limit):
-            found.append(Hypothesis(h.T_target_source @ turn, h.score, h.inliers))
-    return max(found, key=lambda h: h.score, default=None)
+@dataclass(frozen=True)
+class Described:
+    """Both scans of a pair, described by one kind of features.
+
+    Attributes:
+        headings: features of the source in the frames turned by `turns`.
+        turns: T_turned_source of each heading.
+        target: features of the target in the frame turned by `T_turned_target`.
+        T_turned_target: turn of the target.
+        max_yaw: largest heading that is left between the turned scans, radians.
+    """
+
+    headings: list[Features]
+    turns: Float[torch.Tensor, 'turns 4 4']
+    target: Features
+    T_turned_target: Float[np.ndarray, '4 4']
+    max_yaw: float
 
 
-def compare(
-    registrar: Registrar,
-    estimators: list[str],
-    features: list[str],
-    sequence: Sequence,
-    pairs: Iterable[Pair],
-    *,
-    random_yaw_seed: int | None = None,
-) -> Iterator[Prediction]:
-    """Run every estimator on both kinds of features of every pair.
+def best_hypothesis(pair: Described, config: RegistrarConfig) -> Float[np.ndarray, '4 4'] | None:
+    """Match and estimate at every heading; T_target_source of most support."""
+    found: list[tuple[float, torch.Tensor]] = []
+    for features, turn in zip(pair.headings, pair.turns, strict=True):
+        matches = match(source=features, target=pair.target, config=config.match)
+        for h in estimate(matches, config.estimator, max_yaw=pair.max_yaw):
+            found.append((h.score, h.T_target_source @ turn))
+    if not found:
+        return None
+    T = max(found, key=lambda entry: entry[0])[1].numpy()
+    return np.asarray(se3.inverse(pair.T_turned_target) @ T)
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Runs every estimator on every kind of features of a pair; a `predict.Contestant`.
 
     The transform is the one of most support, refined by GICP and given whatever its probability.
     Times are those of matching and estimation.
+
+    Attributes:
+        registrar: describes, and gives the settings.
+        estimators: names.
+        features: `ours`, `fpfh` or both.
     """
-    for p in turned_pairs(sequence, pairs, random_yaw_seed):
+
+    registrar: Registrar
+    estimators: tuple[str, ...]
+    features: tuple[str, ...]
+
+    def __call__(self, source: PointCloud, target: PointCloud) -> Iterator[Outcome]:
+        """Yield an outcome for each kind of features and each estimator."""
+        config = self.registrar.config
         prepared = {
-            'source': prepare(p.source, registrar.config.refine),
-            'target': prepare(p.target, registrar.config.refine),
+            'source': prepare(source, config.refine),
+            'target': prepare(target, config.refine),
         }
-        for kind in features:
-            described = _describe(registrar, kind, p.source, p.target)
-            for name in estimators:
+        for kind in self.features:
+            described = _describe(self.registrar, kind, source, target)
+            for name in self.estimators:
                 began = time.perf_counter()
-                best = best_hypothesis(*described, settings(registrar.config, name))
+                T = best_hypothesis(described, settings(config, name))
                 seconds = time.perf_counter() - began
-                T = None
-                if best is not None:
-                    start = best.T_target_source.numpy()
-                    refined = refine(start, **prepared, config=registrar.config.refine)
-                    T = refined.T_target_source
-                label = f'{kind} + {name}'
-                yield Prediction(label, sequence.name, p.pair, p.turned, p.T_true, T, seconds)
+                if T is not None:
+                    T = refine(T, **prepared, config=config.refine).T_target_source
+                yield Outcome(f'{kind} + {name}', T, seconds)
 
 
 def _describe(
     registrar: Registrar, kind: str, source: PointCloud, target: PointCloud
-) -> tuple[list[Features], torch.Tensor, Features]:
-    """Features of the source at its headings, the headings, features of the target."""
+) -> Described:
     if kind == 'fpfh':  # does not depend on the heading
-        return [fpfh_features(source)], torch.eye(4).double()[None], fpfh_features(target)
-    view = registrar.view(source, turns=registrar.config.turns)
-    return view.headings, view.turns, registrar.view(target).headings[0]
+        alone = torch.eye(4).double()[None]
+        return Described([fpfh_features(source)], alone, fpfh_features(target), np.eye(4), np.pi)
+    turns = registrar.config.turns
+    views = {'source': registrar.view(source, turns=turns), 'target': registrar.view(target)}
+    return Described(
+        headings=views['source'].headings,
+        turns=views['source'].turns @ torch.from_numpy(views['source'].T_view_lidar),
+        target=views['target'].headings[0],
+        T_turned_target=views['target'].T_view_lidar,
+        max_yaw=registrar.max_heading(turns),
+    )

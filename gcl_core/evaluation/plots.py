@@ -1,16 +1,22 @@
-"""Pictures: two scans from above, before and after; curves of a training run."""
+"""Pictures: two scans from above, before and after; recall over distance; training curves."""
 
 from __future__ import annotations
 
+import io
 import json
+from collections.abc import Callable, Mapping
+from collections.abc import Sequence as List
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
 from gcl_core import se3
 from gcl_core.errors import GclError
-from gcl_core.types import PointCloud
+from gcl_core.evaluation import metrics
+from gcl_core.evaluation.score import Row
+from gcl_core.types import Correspondences, PointCloud
 
 SOURCE_COLOR, TARGET_COLOR = '#e8590c', '#1971c2'
 
@@ -27,15 +33,72 @@ def save(figure: object, path: Path) -> None:
         raise GclError(f'cannot write picture {path}: {error}') from None
 
 
+def svg(figure: Any) -> str:
+    """A figure as SVG to put into a page; the same figure gives the same text."""
+    from matplotlib import rc_context
+
+    file = io.StringIO()
+    with rc_context({'svg.fonttype': 'none', 'svg.hashsalt': 'gcl'}):
+        figure.savefig(file, format='svg', bbox_inches='tight', metadata={'Date': None})
+    text = file.getvalue()
+    return text[text.index('<svg') :]
+
+
+def recall_over_distance(
+    rows: List[Row],
+    count: Callable[[Row], int],
+    *,
+    title: str,
+    published: Mapping[str, List[float]] | None = None,
+) -> Any:
+    """Draw recall of every method against distance with its 95 % Wilson interval.
+
+    Args:
+        rows: of one set, by distance.
+        count: pairs of a row that are registered.
+        title: names set and criterion.
+        published: recalls of the paper's five bins by method, percent, drawn dashed.
+    """
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(7.5, 4.2))
+    axes = figure.add_subplot()
+    methods = list(dict.fromkeys(row.method for row in rows))
+    for place, method in enumerate(methods):
+        own = [row for row in rows if row.method == method and not isinstance(row.bin, str)]
+        middles = [(float(r.bin[0]) + float(r.bin[1])) / 2 for r in own]
+        x = np.array(middles) + 0.4 * (place - len(methods) / 2)
+        y = np.array([count(row) / row.pairs for row in own])
+        limits = np.array([metrics.wilson(count(row), row.pairs) for row in own]).reshape(-1, 2)
+        bars = np.abs(limits.T - y)
+        axes.errorbar(x, 100 * y, 100 * bars, marker='o', ms=4, capsize=2, lw=1.5, label=method)
+    for method, values in (published or {}).items():
+        x = np.array([7.5, 15, 25, 35, 45])
+        axes.plot(x, values, '--', lw=1, alpha=0.7, label=f'{method}, published')
+    axes.set(xlabel='distance, m', ylabel='recall, %', ylim=(-2, 102), title=title)
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize=7, loc='center left', bbox_to_anchor=(1.0, 0.5))
+    return figure
+
+
 def birds_eye(
     path: Path,
     *,
     source: PointCloud,
     target: PointCloud,
     T_target_source: Float[np.ndarray, '4 4'] | None,
+    matches: Correspondences | None = None,
     title: str = '',
 ) -> None:
     """Draw both scans in the target's frame from above, as they came and as registered.
+
+    Args:
+        path: picture to write.
+        source: scan.
+        target: scan.
+        T_target_source: None draws both as they came.
+        matches: correspondences to join by lines.
+        title: above both.
 
     Raises:
         GclError: the picture cannot be written.
@@ -55,6 +118,8 @@ def birds_eye(
         ):
             axes.scatter(points[:, 0], points[:, 1], s=0.12, c=color, linewidths=0)
             axes.plot(*sensor[:2], 'o', c=color, ms=9, mec='black', label=label)
+        if matches is not None:
+            _draw_matches(axes, matches, T)
         middle = position[:2] / 2
         axes.set_xlim(middle[0] - 65, middle[0] + 65)
         axes.set_ylim(middle[1] - 55, middle[1] + 55)
@@ -65,6 +130,16 @@ def birds_eye(
         axes.legend(loc='upper right')
     figure.suptitle(title)
     save(figure, path)
+
+
+def _draw_matches(axes: Any, matches: Correspondences, T: Float[np.ndarray, '4 4'] | None) -> None:
+    """Join corresponding points, the source's moved by T."""
+    from matplotlib.collections import LineCollection
+
+    source = matches.source.double().numpy()
+    moved = source if T is None else se3.transform(T, source)
+    lines = np.stack([moved[:, :2], matches.target.double().numpy()[:, :2]], 1)
+    axes.add_collection(LineCollection(lines, colors='#2f9e44', linewidths=0.4, alpha=0.6))
 
 
 def training_curves(path: Path, log: Path) -> None:

@@ -1,10 +1,10 @@
-"""Register every pair once and keep what came out; scoring reads only the file."""
+"""What one method makes of one pair: the pair as it is given, the answer, its time and memory."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float
@@ -15,6 +15,26 @@ from gcl_core.data.sequence import Sequence
 from gcl_core.types import PointCloud
 
 Method = Callable[[PointCloud, PointCloud], Float[np.ndarray, '4 4'] | None]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """The answer of a method.
+
+    Attributes:
+        method: its name in results.
+        T_target_source: None where nothing was found, or what was found was withheld.
+        seconds: time taken.
+        ms: of its stages, milliseconds, where it tells them.
+    """
+
+    method: str
+    T_target_source: Float[np.ndarray, '4 4'] | None
+    seconds: float
+    ms: dict[str, float] = field(default_factory=dict)
+
+
+Contestant = Callable[[PointCloud, PointCloud], Iterator[Outcome]]  # one or more methods
 
 
 @dataclass(frozen=True)
@@ -29,6 +49,12 @@ class Prediction:
         T_true: true `T_target_source` of the turned source.
         T_estimated: None where nothing was found.
         seconds: time taken.
+        dataset: set of pairs that it belongs to.
+        task: number of the pair in its run.
+        ms: of the method's stages, milliseconds.
+        peak_mb: growth of the process's memory, MB; nan where it was not measured.
+        overlap: share of the source's voxels that the target sees; nan where it is not known.
+        sensors: of source and target, such as `hdl32e to hdl64e`; empty where not known.
     """
 
     method: str
@@ -38,6 +64,12 @@ class Prediction:
     T_true: Float[np.ndarray, '4 4']
     T_estimated: Float[np.ndarray, '4 4'] | None
     seconds: float
+    dataset: str = ''
+    task: int = 0
+    ms: dict[str, float] = field(default_factory=dict)
+    peak_mb: float = np.nan
+    overlap: float = np.nan
+    sensors: str = ''
 
 
 @dataclass(frozen=True)
@@ -45,52 +77,26 @@ class TurnedPair:
     """The scans of a pair, the source turned by a heading.
 
     Attributes:
-        pair: which scans.
-        turned: heading that the source was turned by, radians.
         source: as turned.
         target: as recorded.
         T_true: maps the turned source into the target frame.
     """
 
-    pair: Pair
-    turned: float
     source: PointCloud
     target: PointCloud
     T_true: Float[np.ndarray, '4 4']
 
 
-def turned_pairs(
-    sequence: Sequence, pairs: Iterable[Pair], random_yaw_seed: int | None
-) -> Iterator[TurnedPair]:
-    """Read each pair, its source turned by a random heading if there is a seed for it."""
-    rng = None if random_yaw_seed is None else np.random.default_rng(random_yaw_seed)
-    for pair in pairs:
-        turned = 0.0 if rng is None else float(rng.uniform(-np.pi, np.pi))
-        T_turned_source = se3.from_xyz_rpy(yaw=turned)
-        target = sequence.scan(pair.target)
-        source = PointCloud(se3.transform(T_turned_source, sequence.scan(pair.source).points))
-        T_true = T_target_source(sequence, pair) @ se3.inverse(T_turned_source)
-        yield TurnedPair(pair, turned, source, target, T_true)
+def turned_pair(sequence: Sequence, pair: Pair, turned: float) -> TurnedPair:
+    """Read a pair and turn its source by a heading, radians."""
+    T_turned_source = se3.from_xyz_rpy(yaw=turned)
+    source = PointCloud(se3.transform(T_turned_source, sequence.scan(pair.source).points))
+    T_true = T_target_source(sequence, pair) @ se3.inverse(T_turned_source)
+    return TurnedPair(source, sequence.scan(pair.target), T_true)
 
 
-def predict(
-    methods: dict[str, Method],
-    sequence: Sequence,
-    pairs: Iterable[Pair],
-    *,
-    random_yaw_seed: int | None = None,
-) -> Iterator[Prediction]:
-    """Run every method on every pair, one after the other on the same scans.
-
-    Args:
-        methods: by name; each maps (source, target) to a transform or None.
-        sequence: source of the scans.
-        pairs: scans to register.
-        random_yaw_seed: turn each source by a random heading first.
-    """
-    for p in turned_pairs(sequence, pairs, random_yaw_seed):
-        for name, method in methods.items():
-            began = time.perf_counter()
-            T = method(p.source, p.target)
-            seconds = time.perf_counter() - began
-            yield Prediction(name, sequence.name, p.pair, p.turned, p.T_true, T, seconds)
+def timed(name: str, method: Method, source: PointCloud, target: PointCloud) -> Outcome:
+    """Run a method on two scans."""
+    began = time.perf_counter()
+    T = method(source, target)
+    return Outcome(name, T, time.perf_counter() - began)

@@ -1,21 +1,28 @@
-"""Predictions to recall by distance, with intervals, as rows and as a Markdown table."""
+"""Predictions to recall, with intervals, by distance or whatever else pairs have in common."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from gcl_core import se3
 from gcl_core.evaluation import metrics
 from gcl_core.evaluation.predict import Prediction
+
+Group = tuple[float, float] | str  # from, to; or a name
+YAWS = (0, 15, 45, 90, 135, 180)  # degrees
+OVERLAPS = (0, 10, 20, 30, 50, 70, 100)  # percent; the low-overlap sets end at 30
 
 
 @dataclass(frozen=True)
 class Row:
-    """One method in one distance bin.
+    """One method on one group of pairs.
 
     Attributes:
+        dataset: set that the pairs belong to.
+        bin: what they have in common: distance in metres, unless scored by something else.
         strict: pairs registered within 0.6 m and 1.5 degrees.
         loose: pairs registered within 2 m and 5 degrees.
         found: pairs for which a transform was given.
@@ -23,10 +30,14 @@ class Row:
         rte: mean over loosely registered pairs, metres; nan without any.
         rre_deg: likewise, degrees.
         seconds: median time of a pair; through the node, of those that were answered.
+        rte_median: over loosely registered pairs, metres.
+        rre_median_deg: likewise, degrees.
+        peak_mb: largest growth of memory that was measured; nan where none was.
+        more: pairs registered by further criteria, in their order.
     """
 
     method: str
-    bin: tuple[int, int]
+    bin: Group
     pairs: int
     strict: int
     loose: int
@@ -35,17 +46,73 @@ class Row:
     rte: float
     rre_deg: float
     seconds: float
+    dataset: str = ''
+    rte_median: float = np.nan
+    rre_median_deg: float = np.nan
+    peak_mb: float = np.nan
+    more: tuple[int, ...] = ()
 
 
-def score(predictions: Sequence[Prediction]) -> list[Row]:
-    """Group predictions by method and bin, in order of appearance."""
-    groups: dict[tuple[str, tuple[int, int]], list[Prediction]] = {}
+def by_distance(prediction: Prediction) -> Group:
+    """The pair's bin, metres."""
+    return prediction.pair.bin
+
+
+def by_yaw(prediction: Prediction) -> Group:
+    """Difference in heading, degrees."""
+    return _between(abs(np.rad2deg(se3.yaw(prediction.T_true))), YAWS)
+
+
+def by_overlap(prediction: Prediction) -> Group:
+    """Share of the source that the target sees, percent; empty where it is not known."""
+    if not np.isfinite(prediction.overlap):
+        return ''
+    return _between(100 * prediction.overlap, OVERLAPS)
+
+
+def by_sensors(prediction: Prediction) -> Group:
+    """Sensors of source and target; empty where they are not known."""
+    return prediction.sensors
+
+
+def together(prediction: Prediction) -> Group:
+    """All pairs in one group."""
+    return 'all'
+
+
+def _between(value: float, edges: Sequence[float]) -> Group:
+    place = int(np.clip(np.searchsorted(edges, value, side='right'), 1, len(edges) - 1))
+    return (edges[place - 1], edges[place])
+
+
+def score(
+    predictions: Sequence[Prediction],
+    by: Callable[[Prediction], Group] = by_distance,
+    criteria: Sequence[metrics.Criterion] = (),
+) -> list[Row]:
+    """Group predictions by set, method and what `by` tells; the known groups alone, in order.
+
+    Sets and methods come in order of appearance, groups of numbers from low to high.
+    """
+    groups: dict[tuple[str, str, Group], list[Prediction]] = {}
     for p in predictions:
-        groups.setdefault((p.method, p.pair.bin), []).append(p)
-    return [_row(method, bin_, items) for (method, bin_), items in groups.items()]
+        groups.setdefault((p.dataset, p.method, by(p)), []).append(p)
+    rows = [_row(*key, items, criteria) for key, items in groups.items() if key[2] != '']
+    places = {(r.dataset, r.method): i for i, r in reversed(list(enumerate(rows)))}
+    return sorted(rows, key=lambda r: (places[r.dataset, r.method], *_rank(r.bin)))
 
 
-def _row(method: str, bin_: tuple[int, int], items: list[Prediction]) -> Row:
+def _rank(group: Group) -> tuple[float, float, str]:
+    return (np.inf, np.inf, group) if isinstance(group, str) else (*group, '')
+
+
+def _row(
+    dataset: str,
+    method: str,
+    bin_: Group,
+    items: list[Prediction],
+    criteria: Sequence[metrics.Criterion],
+) -> Row:
     def count(criterion: metrics.Criterion) -> int:
         return sum(metrics.registered(p.T_estimated, p.T_true, criterion) for p in items)
 
@@ -55,6 +122,7 @@ def _row(method: str, bin_: tuple[int, int], items: list[Prediction]) -> Row:
         if p.T_estimated is not None and metrics.registered(p.T_estimated, p.T_true, metrics.LOOSE)
     ]
     rte, rre_deg = np.mean(good, axis=0) if good else (np.nan, np.nan)
+    medians = np.median(good, axis=0) if good else (np.nan, np.nan)
     times = [p.seconds for p in items if np.isfinite(p.seconds)]
     found = sum(p.T_estimated is not None for p in items)
     return Row(
@@ -68,24 +136,14 @@ def _row(method: str, bin_: tuple[int, int], items: list[Prediction]) -> Row:
         rte=float(rte),
         rre_deg=float(rre_deg),
         seconds=float(np.median(times)) if times else np.nan,
+        dataset=dataset,
+        rte_median=float(medians[0]),
+        rre_median_deg=float(medians[1]),
+        peak_mb=max((p.peak_mb for p in items if np.isfinite(p.peak_mb)), default=np.nan),
+        more=tuple(count(criterion) for criterion in criteria),
     )
 
 
-def markdown(rows: Sequence[Row]) -> str:
-    """Format rows; recalls in percent with their 95 % Wilson interval."""
-
-    def share(successes: int, trials: int) -> str:
-        low, high = metrics.wilson(successes, trials)
-        return f'{100 * successes / trials:.0f} ({100 * low:.0f}–{100 * high:.0f})'
-
-    lines = [
-        '| method | distance, m | pairs | strict, % | loose, % | wrong | RTE, m | RRE, ° | s |',
-        '|---|---|---|---|---|---|---|---|---|',
-    ]
-    for r in rows:
-        lines.append(
-            f'| {r.method} | {r.bin[0]}–{r.bin[1]} | {r.pairs} | {share(r.strict, r.pairs)} | '
-            f'{share(r.loose, r.pairs)} | {r.wrong} | {r.rte:.2f} | {r.rre_deg:.2f} | '
-            f'{r.seconds:.2g} |'
-        )
-    return '\n'.join(lines)
+def mean_recall(rows: Sequence[Row], count: Callable[[Row], int]) -> float:
+    """mRR: mean over the bins of one method on one set (paper, "Metrics"); in [0, 1]."""
+    return float(np.mean([count(row) / row.pairs for row in rows]))

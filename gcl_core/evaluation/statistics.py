@@ -8,18 +8,13 @@ import numpy as np
 import torch
 from jaxtyping import Float, Int64
 
-from gcl_core import se3
-from gcl_core.data.groups import draw_neighbors, find_groups
-from gcl_core.data.sequence import Sequence, positions
-from gcl_core.errors import GclError
+from gcl_core.data.sequence import Sequence
+from gcl_core.evaluation.neighborhood import MAX_RANGE, VOXEL, neighborhood
 from gcl_core.ops.kernel_map import search
 from gcl_core.ops.voxelize import voxelize
 from gcl_core.types import PointCloud
 
-VOXEL, MAX_RANGE = 0.3, 80.0  # metres, as in the paper
 RINGS = np.arange(0.0, MAX_RANGE + 1, 10.0)  # edges of the range rings, metres
-RADIUS = 0.45  # metres between members of a group (the paper)
-PHI = 6  # neighbour scans of a group (the paper)
 
 
 @dataclass(frozen=True)
@@ -73,20 +68,14 @@ def group_statistics(sequence: Sequence, centre: int, seed: int = 0) -> GroupSta
     """Draw a centre's neighbours and find its groups, as training does.
 
     Raises:
-        GclError: the sequence has no such scan.
+        GclError: the sequence has no such scan, or none within 60 m of it.
     """
-    if not 0 <= centre < len(sequence):
-        raise GclError(f'{sequence.name} has scans 0 to {len(sequence) - 1}, not {centre}')
-    rng = np.random.default_rng(seed)
-    scans = [centre, *draw_neighbors(positions(sequence), centre, PHI, rng)]
-    tensor = voxelize([sequence.scan(i) for i in scans], voxel_size=VOXEL, max_range=MAX_RANGE)
-    T_centre_world = se3.inverse(sequence.T_world_lidar(centre))
-    T = np.stack([T_centre_world @ sequence.T_world_lidar(i) for i in scans])
-    groups = find_groups(tensor.points, tensor.splits, T, radius=RADIUS)
+    place = neighborhood(sequence, centre, np.random.default_rng(seed))
+    groups = place.groups()
     sizes = groups.sizes.double()
     return GroupStatistics(
-        tuple(scans),
-        len(groups) / max(tensor.splits[1], 1),
+        place.scans,
+        len(groups) / max(len(place.points[0]), 1),
         float(sizes.mean()) if len(groups) else 0.0,
     )
 

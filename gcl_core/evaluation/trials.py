@@ -13,9 +13,11 @@ from jaxtyping import Bool, Float
 from safetensors import safe_open
 from safetensors.torch import save_file
 
+from gcl_core import se3
 from gcl_core.estimation.decision import Finalist, examine
 from gcl_core.estimation.refine import Refined
 from gcl_core.evaluation import metrics
+from gcl_core.files import whole_file
 from gcl_core.registrar import Registrar, Stopwatch, View
 from gcl_core.types import Features
 
@@ -75,6 +77,8 @@ def run_trial(
     kind: str,
 ) -> Trial | None:
     """Register a pair as `Registrar.register_views` does; None if there was no hypothesis."""
+    if T_true is not None:
+        T_true = target.T_view_lidar @ T_true @ se3.inverse(source.T_view_lidar)
     hypotheses, _ = registrar.search(source=source, target=target, watch=Stopwatch())
     if not hypotheses:
         return None
@@ -122,7 +126,8 @@ def save_trials(path: Path, trials: Iterable[Trial]) -> None:
             tensors[f'{i}/{k}/numbers'] = torch.tensor(numbers, dtype=torch.float64)
             tensors[f'{i}/{k}/T'] = torch.from_numpy(f.refined.T_target_source.copy())
             tensors[f'{i}/{k}/information'] = torch.from_numpy(f.refined.information.copy())
-    save_file(tensors, path, metadata={'kinds': json.dumps(kinds)})
+    with whole_file(path) as part:
+        save_file(tensors, part, metadata={'kinds': json.dumps(kinds)})
 
 
 def load_trials(path: Path) -> list[Trial]:

@@ -1,4 +1,7 @@
-"""Nearest neighbours in feature space, in chunks of bounded memory."""
+"""Nearest neighbours in feature space, in chunks of bounded memory.
+
+The compiled twin (ops/native/nearest.cpp) of the mutual search keeps no similarity at all.
+"""
 
 from __future__ import annotations
 
@@ -9,31 +12,40 @@ from typing import TypeVar
 import torch
 from jaxtyping import Float, Int64
 
-CHUNK = 256  # rows of the similarity matrix held at a time: it stays in the cache
-LANES = 64  # every 64th column is searched as one: torch's indexed maximum is slow
+from gcl_core.ops.native.nearest import nearest_rows
+
+CHUNK = 256  # rows of the similarity matrix held at a time
 Result = TypeVar('Result')
 
 
 def mutual_nearest(
     source: Float[torch.Tensor, 'n d'], target: Float[torch.Tensor, 'm d']
 ) -> tuple[Int64[torch.Tensor, ' k'], Int64[torch.Tensor, ' k']]:
-    """Rows of source and target that are each other's nearest; each row comes at most once."""
+    """Rows of source and target that are each other's nearest; each row comes at most once.
+
+    Products are summed in float32.
+    """
     if len(source) == 0 or len(target) == 0:
         return torch.empty(0, dtype=torch.long), torch.empty(0, dtype=torch.long)
-    other = _padded(target).t().contiguous()
-
-    def search(block: Float[torch.Tensor, 'c m']) -> tuple[torch.Tensor, ...]:
-        return *_row_maximum(block), block.amax(0)
-
-    found = _in_chunks(source, other, search)
-    value = torch.cat([chunk[0] for chunk in found])
-    column = torch.cat([chunk[1] for chunk in found]).clamp(max=len(target) - 1)
-    best = torch.stack([chunk[2] for chunk in found]).amax(0)
+    value, column, best = nearest_rows(source, target) or _by_chunks(source, target)
     rows = torch.nonzero(value >= best[column]).squeeze(1)
     # Equal similarities (identical descriptors) make several rows nearest: the first keeps it.
     first = torch.full((len(target),), len(source)).scatter_reduce(0, column[rows], rows, 'amin')
     rows = rows[first[column[rows]] == rows]
     return rows, column[rows]
+
+
+def _by_chunks(
+    source: Float[torch.Tensor, 'n d'], target: Float[torch.Tensor, 'm d']
+) -> tuple[Float[torch.Tensor, ' n'], Int64[torch.Tensor, ' n'], Float[torch.Tensor, ' m']]:
+    """Similarity and row of each source row's nearest, similarity of each target row's."""
+    found = _in_chunks(
+        source.float(),
+        target.float().t().contiguous(),
+        lambda block: (*block.max(1), block.amax(0)),
+    )
+    value, column, best = zip(*found)
+    return torch.cat(value), torch.cat(column), torch.stack(best).amax(0)
 
 
 def top_k(
@@ -57,19 +69,3 @@ def _in_chunks(
     starts = range(0, len(source), CHUNK)
     with ThreadPoolExecutor(max(1, min(torch.get_num_threads(), len(starts)))) as pool:
         return list(pool.map(lambda s: search(source[s : s + CHUNK] @ other), starts))
-
-
-def _padded(target: Float[torch.Tensor, 'm d']) -> Float[torch.Tensor, 'm+ d']:
-    """Repeat the last row until the rows fill the lanes."""
-    missing = -len(target) % LANES
-    return torch.cat([target, target[-1:].expand(missing, -1)])
-
-
-def _row_maximum(
-    block: Float[torch.Tensor, 'c m'],
-) -> tuple[Float[torch.Tensor, ' c'], Int64[torch.Tensor, ' c']]:
-    """Largest entry of each row and its column: first its lane, then its place in it."""
-    lanes = block.view(len(block), -1, LANES)
-    value, lane = lanes.amax(1).max(1)
-    place = lanes[torch.arange(len(block)), :, lane].argmax(1)
-    return value, place * LANES + lane

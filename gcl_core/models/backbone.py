@@ -8,11 +8,14 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Generic, Protocol, TypeVar, cast
 
+import numpy as np
 import torch
 from jaxtyping import Float
 from torch import nn
 
+from gcl_core import se3
 from gcl_core.ops.ground import height_above_ground
+from gcl_core.ops.heading import dominant_heading
 from gcl_core.ops.voxelize import voxelize
 from gcl_core.types import Features, PointCloud, SparseTensor
 
@@ -29,12 +32,18 @@ class BackboneConfig:
         max_range: points beyond it are left out, metres.
         descriptor: length of a descriptor.
         height_input: add the height above the local ground to the constant 1 of the paper.
+        align: scans are turned to their dominant heading before they are described
+            (`ops.heading`); whoever describes does it, knowing what else is to be turned.
+        max_yaw_deg: largest difference in heading between two described scans that trained
+            weights bear.
     """
 
     voxel_size: float = 0.3
     max_range: float = 80.0
     descriptor: int = 32
     height_input: bool = False
+    align: bool = False
+    max_yaw_deg: float = 40.0
 
 
 class Prepared(Protocol):
@@ -60,6 +69,12 @@ class Backbone(nn.Module, ABC, Generic[Config, Inputs]):
         super().__init__()
         self.config = config
         self.dtype = torch.float32
+
+    def facing(self, cloud: PointCloud) -> Float[np.ndarray, '4 4']:
+        """T_view_lidar, what turns a scan to its street; the identity if not `config.align`."""
+        if not self.config.align:
+            return np.eye(4)
+        return se3.from_xyz_rpy(yaw=-dominant_heading(cloud.points))
 
     def voxelize(self, clouds: Sequence[PointCloud]) -> SparseTensor:
         """Bring scans onto the first grid, with the network's input features.

@@ -12,8 +12,9 @@ import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 
-from gcl_core.config import from_mapping
+from gcl_core.config import from_mapping, read_json
 from gcl_core.errors import GclError
+from gcl_core.files import whole_file, write_text
 from gcl_core.models.backbone import Backbone
 from gcl_core.models.kpconv_resunet import KPConvConfig, KPConvResUNet
 from gcl_core.models.resunet import ResUNet, ResUNetConfig
@@ -48,10 +49,11 @@ def save_weights(path: Path, model: Backbone[Any, Any], record: dict[str, Any]) 
     """
     tensors = {name: t.contiguous() for name, t in model.state_dict().items()}
     network = json.dumps(asdict(model.config))
-    save_file(tensors, path, metadata={'format': FORMAT, 'network': network})
-    digest = hashlib.sha256(path.read_bytes()).hexdigest()
-    card = {'sha256': digest, 'network': asdict(model.config), **record}
-    path.with_suffix('.json').write_text(json.dumps(card, indent=2) + '\n')
+    with whole_file(path) as part:
+        save_file(tensors, part, metadata={'format': FORMAT, 'network': network})
+        digest = hashlib.sha256(part.read_bytes()).hexdigest()
+        card = {'sha256': digest, 'network': asdict(model.config), **record}
+        write_text(path.with_suffix('.json'), json.dumps(card, indent=2) + '\n')
 
 
 def load_weights(name_or_path: str = DEFAULT) -> Backbone[Any, Any]:
@@ -78,20 +80,35 @@ def load_weights(name_or_path: str = DEFAULT) -> Backbone[Any, Any]:
             tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118
     except SafetensorError as error:
         raise GclError(f'{path} is not a safetensors file: {error}') from None
-    network = {'network': json.loads(metadata['network'])}
-    model = build(from_mapping(_Record, network, str(path)).network)
     try:
-        model.load_state_dict(tensors)
-    except RuntimeError as error:
-        raise GclError(f'{path}: weights and network do not fit: {error}') from None
+        network = {'network': json.loads(metadata.get('network', ''))}
+    except (ValueError, RecursionError) as error:
+        raise GclError(f'{path} does not tell its network: {error}; train anew') from None
+    config = from_mapping(_Record, network, str(path)).network
+    _check_tensors(config, tensors, path)
+    model = build(config)
+    model.load_state_dict(tensors)
     return model.eval()
+
+
+def _check_tensors(config: NetworkConfig, tensors: dict[str, torch.Tensor], path: Path) -> None:
+    """Check that a file has every weight of a network before memory is taken for it."""
+    try:
+        with torch.device('meta'):
+            build(config).load_state_dict(tensors, assign=True)
+    except (RuntimeError, TypeError, ArithmeticError) as error:
+        raise GclError(f'{path}: weights and network do not fit: {error}') from None
+    for name, tensor in tensors.items():
+        if not tensor.isfinite().all():
+            raise GclError(f'{path}: {name} is not finite; restore the file or train anew')
 
 
 def _check_hash(path: Path) -> None:
     card = path.with_suffix('.json')
     if not card.is_file():
         return
-    expected = json.loads(card.read_text()).get('sha256')
+    record = read_json(card, 'restore it, or remove it')
+    expected = record.get('sha256') if isinstance(record, dict) else None
     found = hashlib.sha256(path.read_bytes()).hexdigest()
     if expected != found:
         raise GclError(

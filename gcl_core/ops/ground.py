@@ -25,11 +25,10 @@ def height_above_ground(
     cell = torch.floor(points / CELL).long()
     cell[:, 2] = 0
     key = encode(cell) + (scan << 48)
-    order = torch.argsort(points[:, 2], stable=True)
-    order = order[torch.argsort(key[order], stable=True)]
     cells, row, count = torch.unique(key, return_inverse=True, return_counts=True)
+    heights = _sorted_within(points[:, 2], row)
     start = torch.cumsum(count, 0) - count
-    lowest = points[order[start + (count * GHOST_FRACTION).long()], 2]
+    lowest = heights[start + (count * GHOST_FRACTION).long()]
     ground = lowest.clone()
     for dx in (-1, 0, 1):
         for dy in (-1, 0, 1):
@@ -39,3 +38,14 @@ def height_above_ground(
                 cells[found] == query, torch.minimum(ground, lowest[found]), ground
             )
     return points[:, 2] - ground[row]
+
+
+def _sorted_within(
+    values: Float[torch.Tensor, ' n'], group: Int64[torch.Tensor, ' n']
+) -> Float[torch.Tensor, ' n']:
+    """Sort by group, then by value, in one sort: a float's bits order as it does, sign aside."""
+    bits = values.float().contiguous().view(torch.int32)
+    ordered = (bits ^ ((bits >> 31) & 0x7FFFFFFF)).long() + (1 << 31)
+    low = ((group << 32 | ordered).sort().values & 0xFFFFFFFF) - (1 << 31)
+    bits = low.int()
+    return (bits ^ ((bits >> 31) & 0x7FFFFFFF)).view(torch.float32).to(values.dtype)

@@ -13,6 +13,7 @@ import torch
 from jaxtyping import Float, Int64
 
 from gcl_core.errors import GclError
+from gcl_core.ops.native.voxelize import group_points
 from gcl_core.types import PointCloud, SparseTensor
 
 AXIS_BITS = 16
@@ -71,17 +72,17 @@ def voxelize(clouds: Sequence[PointCloud], *, voxel_size: float, max_range: floa
     keys, points, splits = [], [], [0]
     for scan, cloud in enumerate(clouds):
         xyz = torch.from_numpy(cloud.points)
-        xyz = xyz[xyz.square().sum(1) <= max_range**2]
-        if len(xyz) == 0:
+        limits = {'voxel_size': voxel_size, 'max_range': max_range}
+        found = group_points(xyz, **limits, axis_bits=AXIS_BITS, limit=BIAS - MARGIN)
+        key, mean = found or _grouped(xyz, **limits)
+        if len(key) == 0:
             raise GclError(
                 f'none of the {len(cloud)} points of scan {scan} lies within {max_range:g} m of '
                 'the sensor; check its unit (metres) and frame (origin at the sensor)'
             )
-        key = encode(torch.floor(xyz / voxel_size).long(), scan)
-        unique, row = torch.unique(key, return_inverse=True)
-        keys.append(unique)
-        points.append(barycentres(xyz, row, len(unique)))
-        splits.append(splits[-1] + len(unique))
+        keys.append(key + (scan << 3 * AXIS_BITS))
+        points.append(mean)
+        splits.append(splits[-1] + len(key))
     all_points = torch.cat(points)
     return SparseTensor(
         keys=torch.cat(keys),
@@ -89,3 +90,12 @@ def voxelize(clouds: Sequence[PointCloud], *, voxel_size: float, max_range: floa
         features=all_points.new_ones(len(all_points), 1),
         splits=tuple(splits),
     )
+
+
+def _grouped(
+    points: Float[torch.Tensor, 'n 3'], *, voxel_size: float, max_range: float
+) -> tuple[Int64[torch.Tensor, ' m'], Float[torch.Tensor, 'm 3']]:
+    """Sorted keys and barycentres of the voxels within `max_range`."""
+    points = points[points.square().sum(1) <= max_range**2]
+    keys, row = torch.unique(encode(torch.floor(points / voxel_size).long()), return_inverse=True)
+    return keys, barycentres(points, row, len(keys))

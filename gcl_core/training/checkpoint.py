@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,9 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 
 from gcl_core.errors import GclError
+from gcl_core.files import whole_file
+
+FORMAT = 'gcl-checkpoint-1'
 
 
 @dataclass(frozen=True)
@@ -31,42 +33,65 @@ class State:
 
 
 def save(path: Path, state: State, step: int, config: dict[str, Any]) -> None:
-    """Write to a temporary file and rename it, so that a kill leaves the last one whole."""
+    """Write a checkpoint; a kill, or a full disk, leaves the last one whole.
+
+    Raises:
+        GclError: it cannot be written; the last one is still there.
+    """
     tensors = {f'model.{name}': t.contiguous() for name, t in state.model.state_dict().items()}
     for index, moments in state.optimizer.state_dict()['state'].items():
         tensors.update({f'optimizer.{index}.{k}': t for k, t in moments.items() if t is not None})
     if state.average:
         averaged = state.average.state_dict()
         tensors.update({f'average.{name}': t.clone() for name, t in averaged.items()})
-    temporary = path.with_suffix('.tmp')
-    metadata = {'step': str(step), 'config': json.dumps(config)}
-    save_file(tensors, temporary, metadata=metadata)
-    os.replace(temporary, path)
+    metadata = {'format': FORMAT, 'step': str(step), 'config': json.dumps(config)}
+    with whole_file(path) as part:
+        save_file(tensors, part, metadata=metadata)
 
 
 def load(path: Path, state: State) -> int:
     """Restore a state in place; return the step to go on with.
 
     Raises:
-        GclError: the file is damaged, or of another network.
+        GclError: the file is damaged, of another network, or of another format.
     """
     parts: dict[str, dict[str, torch.Tensor]] = {'model': {}, 'optimizer': {}, 'average': {}}
     try:
         with safe_open(path, framework='pt') as file:
-            step = int(file.metadata()['step'])
+            metadata = file.metadata() or {}
+            written = metadata.get('format', FORMAT)  # the first ones did not say
+            if written != FORMAT:
+                raise GclError(
+                    f'{path} has format {written!r}, this version reads {FORMAT!r}; go on with '
+                    'the version that wrote it, or remove it to start anew'
+                )
+            step = int(metadata['step'])
             for name in file.keys():  # noqa: SIM118 (not a dict)
                 kind, rest = name.split('.', 1)
                 parts[kind][rest] = file.get_tensor(name)
         state.model.load_state_dict(parts['model'])
         if state.average:
             state.average.load_state_dict(parts['average'])
-    except (SafetensorError, KeyError, RuntimeError) as error:
+        moments = _moments(parts['optimizer'], state.optimizer)
+        state.optimizer.load_state_dict({**state.optimizer.state_dict(), 'state': moments})
+    except GclError:
+        raise
+    except (SafetensorError, KeyError, IndexError, ValueError, RuntimeError) as error:
         raise GclError(
             f'{path} is damaged or holds another network; remove it to start anew ({error})'
         ) from None
-    moments: dict[int, dict[str, torch.Tensor]] = {}
-    for name, tensor in parts['optimizer'].items():
-        index, key = name.split('.', 1)
-        moments.setdefault(int(index), {})[key] = tensor
-    state.optimizer.load_state_dict({**state.optimizer.state_dict(), 'state': moments})
     return step
+
+
+def _moments(
+    tensors: dict[str, torch.Tensor], optimizer: torch.optim.Optimizer
+) -> dict[int, dict[str, torch.Tensor]]:
+    """State of the optimiser by parameter; torch itself does not look at the shapes."""
+    parameters = [p for group in optimizer.param_groups for p in group['params']]
+    moments: dict[int, dict[str, torch.Tensor]] = {}
+    for name, tensor in tensors.items():
+        index, key = name.split('.', 1)
+        if tensor.dim() and tensor.shape != parameters[int(index)].shape:
+            raise ValueError(f'optimizer.{name} has shape {tuple(tensor.shape)}')
+        moments.setdefault(int(index), {})[key] = tensor
+    return moments

@@ -6,6 +6,7 @@ import os
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field
+from datetime import timedelta
 from typing import cast
 
 import torch
@@ -61,6 +62,23 @@ class Processes:
         distributed.all_reduce(values)
         return dict(zip(row, (values / self.count).tolist(), strict=True))
 
+    def gather(self, text: str) -> list[str]:
+        """Collect a text of every process, in their order; all get all of them."""
+        if self.count == 1:
+            return [text]
+        own = torch.frombuffer(bytearray(text.encode() or b' '), dtype=torch.uint8)
+        own = own.to(self.device)
+        sizes = [torch.zeros(1, dtype=torch.int64, device=self.device) for _ in range(self.count)]
+        distributed.all_gather(sizes, torch.tensor([len(own)], device=self.device))
+        longest = max(int(size) for size in sizes)
+        padded = nn.functional.pad(own, (0, longest - len(own)))
+        all_ = [torch.empty_like(padded) for _ in range(self.count)]
+        distributed.all_gather(all_, padded)
+        return [
+            row[: int(size)].cpu().numpy().tobytes().decode().strip(' ')
+            for row, size in zip(all_, sizes)
+        ]
+
     def synchronised(self, model: nn.Module, *, last: bool) -> AbstractContextManager[None]:
         """Let only the last backward pass of a step exchange gradients."""
         if last or not isinstance(model, nn.parallel.DistributedDataParallel):
@@ -69,15 +87,19 @@ class Processes:
 
 
 @contextmanager
-def processes() -> Iterator[Processes]:
-    """Join the run that `torchrun` has set up, if it has; leave it at the end."""
+def processes(patience: timedelta | None = None) -> Iterator[Processes]:
+    """Join the run that `torchrun` has set up, if it has; leave it at the end.
+
+    Args:
+        patience: how long one process waits for another; None: torch's default.
+    """
     cuda = torch.cuda.is_available()
     local = int(os.environ.get('LOCAL_RANK', '0'))
     device = torch.device('cuda', local) if cuda else torch.device('cpu')
     if 'RANK' not in os.environ:
         yield Processes(device=device)
         return
-    distributed.init_process_group('nccl' if cuda else 'gloo')
+    distributed.init_process_group('nccl' if cuda else 'gloo', timeout=patience)
     try:
         yield Processes(distributed.get_rank(), distributed.get_world_size(), device)
     finally:

@@ -20,6 +20,7 @@ from gcl_core.data.group_index import GroupIndex, ScanGroup
 from gcl_core.errors import GclError
 from gcl_core.models.backbone import Backbone
 from gcl_core.models.zoo import NetworkConfig, build
+from gcl_core.ops.heading import dominant_heading
 from gcl_core.training.sample import Sample
 from gcl_core.training.sample_cache import SampleCache, Voxels, folder_for
 from gcl_core.training.simulated import SimulatedGroups, SimulationConfig
@@ -37,7 +38,8 @@ class SampleConfig:
         phi: neighbour scans of a centre scan (the paper: 6).
         pair_stages: for the pair-wise baseline: distances of the one neighbour, metres; several
             ranges share the run evenly (the paper: 5 to 20, then to 30, 40, 50, 60).
-        shared_yaw_deg: half width of the heading that a whole group is turned by.
+        shared_yaw_deg: half width of the heading that a whole group is turned by. If the network
+            has scans aligned, it is any quarter turn instead.
         yaw_deg: half width of each scan's own heading, at the first and at the last step.
         tilt_deg: half width of roll and pitch.
         keep: least share of a neighbour's points that random thinning leaves.
@@ -86,11 +88,20 @@ def source_of(config: SampleConfig) -> Groups:
 
 
 def augment(
-    group: ScanGroup, config: SampleConfig, progress: float, rng: np.random.Generator
+    group: ScanGroup,
+    config: SampleConfig,
+    progress: float,
+    rng: np.random.Generator,
+    *,
+    align: bool = False,
 ) -> tuple[list[PointCloud], Float[np.ndarray, 's 4 4']]:
     """Turn and thin the scans; returns them with their poses in the centre's own frame."""
     yaw_range = np.deg2rad(np.interp(progress, [0, 1], config.yaw_deg))
-    shared = rng.uniform(-1, 1) * np.deg2rad(config.shared_yaw_deg)
+    shared = (
+        rng.integers(4) * np.pi / 2 - dominant_heading(group.clouds[0].points)
+        if align
+        else rng.uniform(-1, 1) * np.deg2rad(config.shared_yaw_deg)
+    )
     clouds, poses = [], []
     for place, (cloud, T_centre_scan) in enumerate(
         zip(group.clouds, group.T_centre_scan, strict=True)
@@ -158,7 +169,7 @@ class SampleStream(IterableDataset[Sample[Any]]):
             number, seed=self._seed, distances=self._config.distances(progress)
         )
         rng = np.random.default_rng([self._seed, number, 7])
-        clouds, poses = augment(group, self._config, progress, rng)
+        clouds, poses = augment(group, self._config, progress, rng, align=self._network.align)
         return Sample(network.voxelize(clouds), poses)
 
 

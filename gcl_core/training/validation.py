@@ -19,11 +19,11 @@ from gcl_core.evaluation.metrics import LOOSE, registered
 from gcl_core.matching.match import MatchConfig, match
 from gcl_core.models.backbone import Backbone, Prepared
 from gcl_core.models.zoo import NetworkConfig, build
+from gcl_core.ops.heading import dominant_heading
 from gcl_core.types import Features, PointCloud, PositiveGroups
 
 HELD_OUT = range(990_000_000, 990_000_006)  # seeds of streets that no training run reaches
 PAIRS_PER_BIN = 1  # of each street
-YAW = np.deg2rad(40.0)
 INLIER = 0.6  # metres; a match this far from the truth counts as right
 
 
@@ -52,7 +52,7 @@ class HeldOutPair:
     """Two scans of a held-out street.
 
     Attributes:
-        source: turned by up to 40 degrees, ready for the network.
+        source: turned by up to the yaw that the network bears, ready for it.
         target: ready for the network.
         T_target_source: the truth.
         bin: distance between the sensors, metres.
@@ -68,13 +68,21 @@ class HeldOutPair:
 def held_out_pairs(config: NetworkConfig) -> list[HeldOutPair]:
     """Simulate the held-out streets; the same pairs in every run."""
     network, pairs = build(config), []
+    bearable = np.deg2rad(config.max_yaw_deg)
     for seed in HELD_OUT:
         street, rng = SimulatedSequence(seed), np.random.default_rng(seed)
         for pair in draw_pairs(street, per_bin=PAIRS_PER_BIN, seed=seed):
-            turn = random_turn(rng, shared_yaw=0.0, yaw_range=YAW, tilt_range=0.0)
-            turned = PointCloud(se3.transform(turn, street.scan(pair.source).points))
-            T = T_target_source(street, pair) @ se3.inverse(turn)
-            scans = (turned, street.scan(pair.target))
+            clouds = street.scan(pair.source), street.scan(pair.target)
+            aligned = -dominant_heading(clouds[1].points) if config.align else 0.0
+            turns = (
+                random_turn(rng, shared_yaw=aligned, yaw_range=bearable, tilt_range=0.0),
+                se3.from_xyz_rpy(yaw=aligned),
+            )
+            T = turns[1] @ T_target_source(street, pair) @ se3.inverse(turns[0])
+            scans = [
+                PointCloud(se3.transform(turn, cloud.points))
+                for turn, cloud in zip(turns, clouds, strict=True)
+            ]
             source, target = (network.prepare(network.voxelize([scan])) for scan in scans)
             pairs.append(HeldOutPair(source, target, T, pair.bin))
     return pairs
@@ -87,6 +95,7 @@ def validate(model: Backbone[Any, Any]) -> dict[str, float]:
     best hypothesis meets the loose criterion, without refinement.
     """
     model.eval()
+    bearable_yaw = 2 * np.deg2rad(model.config.max_yaw_deg)
     device = next(model.parameters()).device
     figures: dict[str, list[float]] = {}
     for pair in held_out_pairs(model.config):
@@ -97,7 +106,7 @@ def validate(model: Backbone[Any, Any]) -> dict[str, float]:
         T = torch.from_numpy(pair.T_target_source).float()
         moved = matches.source @ T[:3, :3].t() + T[:3, 3]
         right = (moved - matches.target).norm(dim=1) < INLIER
-        found = ransac(matches, RansacConfig(samples=200_000), max_yaw=2 * YAW)
+        found = ransac(matches, RansacConfig(samples=200_000), max_yaw=bearable_yaw)
         best = found[0].T_target_source.numpy() if found else None
         hit = registered(best, pair.T_target_source, LOOSE)
         name = f'{pair.bin[0]}_{pair.bin[1]}'

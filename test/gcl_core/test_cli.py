@@ -1,6 +1,7 @@
 """Every subcommand on small data."""
 
 import json
+from importlib.util import find_spec
 
 import numpy as np
 import pytest
@@ -40,6 +41,18 @@ def test_register_prints_one_json_object_and_writes_files(pair, drive, capsys):
     assert (pair / 'pair.png').stat().st_size > 10_000
 
 
+def test_register_records_or_names_the_package(pair, tmp_path, capsys):
+    files = [str(pair / 'source.ply'), str(pair / 'target.bin')]
+    arguments = [*files, '--config', str(pair / 'fast.yaml'), '--rerun', str(tmp_path / 'a.rrd')]
+    code = main(['register', *arguments])
+    if find_spec('rerun') is None:
+        assert code == 2
+        assert "pip install 'gcl_ros[rerun]'" in capsys.readouterr().err
+        return
+    assert code == 0
+    assert (tmp_path / 'a.rrd').stat().st_size > 1_000_000
+
+
 @pytest.mark.parametrize(
     ('arguments', 'message'),
     [
@@ -47,6 +60,10 @@ def test_register_prints_one_json_object_and_writes_files(pair, drive, capsys):
         (['register', 'no.las', 'no.bin'], "unknown format '.las'"),
         (['train', '--config', 'no.yaml', '--out', 'x'], 'cannot read config no.yaml'),
         (['evaluate', '--data', 'nowhere'], 'no folder nowhere'),
+        (['evaluate'], 'names no data; give --data DIR or --simulated SEED'),
+        (['evaluate', '--simulated', '3', '--per-bin', '0'], '--per-bin is 0'),
+        (['evaluate', '--config', 'no.yaml'], 'cannot read config no.yaml'),
+        (['train', '--config', 'config/train_conv.yaml', '--set', 'a', '--out', 'x'], "'a' sets"),
         (['pairs', 'p', '--data', 'nowhere', '--fcgf'], 'no folder nowhere'),
         (['pairs', 'p', '--data', '.', '--random', '0'], '--random is 0'),
         (['bag', 'from-data', 'nowhere', 'b', '--pairs', '1'], 'no folder nowhere'),
@@ -68,14 +85,14 @@ def test_weights_that_do_not_exist_exit_with_two(pair, capsys):
 
 def test_evaluate_prints_a_table(tmp_path, pair, capsys):
     code = main(
-        ['evaluate', '--simulated', '3', '--per-bin', '1', '--config', str(pair / 'fast.yaml')]
-        + ['--out', str(tmp_path / 'result.json')]
+        ['evaluate', '--simulated', '3', '--per-bin', '1', '--registrar', str(pair / 'fast.yaml')]
+        + ['--out', str(tmp_path)]
     )
     assert code == 0
     assert '| GCL-ROS | 5–10 | 1 |' in capsys.readouterr().out
-    result = json.loads((tmp_path / 'result.json').read_text())
-    assert len(result['predictions']) == 5
-    assert result['config']['turns'] == 1
+    result = json.loads((tmp_path / 'results.json').read_text())
+    assert [row['pairs'] for row in result['rows']] == [1] * 5
+    assert result['config']['methods'][0]['registrar']['turns'] == 1
 
 
 @pytest.fixture(scope='module')
@@ -101,14 +118,16 @@ def test_evaluate_on_a_list_names_it_and_its_hash(tmp_path, pair, folder, capsys
     short = read_pair_list(tmp_path / 'one.txt')
     code = main(
         ['evaluate', '--data', str(folder), '--pairs', str(tmp_path / 'one.txt')]
-        + ['--config', str(pair / 'fast.yaml'), '--out', str(tmp_path / 'result.json')]
+        + ['--registrar', str(pair / 'fast.yaml'), '--out', str(tmp_path / 'out')]
     )
     assert code == 0
     assert f'one, 1 pairs, sha256 {short.sha256[:12]}' in capsys.readouterr().out
-    result = json.loads((tmp_path / 'result.json').read_text())
-    assert result['pairs'] == {'name': 'one', 'count': 1, 'sha256': short.sha256}
+    result = json.loads((tmp_path / 'out/results.json').read_text())
+    listed = {'dataset': 'one', 'name': 'one', 'count': 1, 'sha256': short.sha256}
+    assert result['pairs'] == [listed]
     assert result['sequences'] == ['folder/a']
-    predicted = [(p['pair']['source'], p['pair']['target']) for p in result['predictions']]
+    lines = (tmp_path / 'out/predictions-0.jsonl').read_text().splitlines()
+    predicted = [(p['pair']['source'], p['pair']['target']) for p in map(json.loads, lines)]
     assert predicted == [(p.source, p.target) for p in short.pairs]
 
 
@@ -141,7 +160,7 @@ def test_lists_of_other_drives_are_refused(tmp_path, folder, capsys):
 
 def test_evaluate_compares_estimators(pair, capsys):
     code = main(
-        ['evaluate', '--simulated', '3', '--per-bin', '1', '--config', str(pair / 'fast.yaml')]
+        ['evaluate', '--simulated', '3', '--per-bin', '1', '--registrar', str(pair / 'fast.yaml')]
         + ['--estimators', 'ransac', 'spatial_consistency', '--features', 'ours']
     )
     assert code == 0

@@ -62,3 +62,19 @@ def test_the_backbone_chooses_the_config():
 @pytest.mark.parametrize('path', sorted(CONFIG.glob('train_*.yaml')), ids=lambda p: p.name)
 def test_training_configs_load(path):
     load_config(TrainConfig, path)
+
+
+def test_settings_stand_above_the_file(tmp_path):
+    (tmp_path / 'a.yaml').write_text('loss: {pair: 0.5}\n')
+    settings = ['loss.finest=0', 'samples.pair_stages=[[5, 20]]', 'steps=7', 'loss.pair=2.0']
+    config = load_config(TrainConfig, tmp_path / 'a.yaml', settings)
+    assert (config.loss.pair, config.loss.finest, config.steps) == (2.0, 0.0, 7)
+    assert config.samples.pair_stages == ((5.0, 20.0),)
+    for setting, message in [
+        ('steps', "'steps' sets nothing"),
+        ('steps.a=1', "'steps.a=1' sets nothing|expected int"),
+        ('step=1', "unknown key 'step'"),
+        ('steps=[', 'not valid YAML'),
+    ]:
+        with pytest.raises(GclError, match=message):
+            load_config(TrainConfig, tmp_path / 'a.yaml', [setting])

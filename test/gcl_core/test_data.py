@@ -84,8 +84,8 @@ def test_points_that_are_not_finite_are_dropped(tmp_path):
         ('cut.bin', b'12345', 'multiple of 16'),
         ('empty.bin', b'', 'no points'),
         ('text.npy', b'hello', 'not a .npy'),
-        ('text.pcd', b'hello', 'no points|not a readable'),
-        ('text.ply', b'hello', 'no points|not a readable'),
+        ('text.pcd', b'hello', 'has no .pcd header'),
+        ('text.ply', b'hello', 'has no .ply header'),
         ('cloud.las', b'', 'unknown format'),
     ],
 )

@@ -6,9 +6,10 @@ import torch
 
 from gcl_core import se3
 from gcl_core.errors import GclError
+from gcl_core.estimation.hypothesis import distinct, distinct_best
 from gcl_core.estimation.procrustes import from_moments, products
 from gcl_core.estimation.ransac import RansacConfig, ransac
-from gcl_core.estimation.refine import RefineConfig, prepare, refine
+from gcl_core.estimation.refine import RefineConfig, prepare, refine, refine_all
 from gcl_core.evaluation import metrics
 from gcl_core.types import Correspondences
 
@@ -68,6 +69,34 @@ def test_too_few_correspondences_find_nothing(count):
 def test_bad_settings_are_named():
     with pytest.raises(GclError, match='threshold is -1'):
         RansacConfig(threshold=-1)
+
+
+@pytest.mark.parametrize('limit', [3, 40, 1000])
+def test_distinct_places_are_those_of_a_search_one_by_one(limit):
+    rng = np.random.default_rng(0)
+    where = rng.uniform([-20, -20, 0, -1], [20, 20, 1, 1], (700, 4))
+    T = torch.from_numpy(np.stack([se3.from_xyz_rpy(x, y, z, yaw=a) for x, y, z, a in where]))
+    scores = torch.from_numpy(rng.uniform(-1, 3, 700))
+    expected: list[int] = []
+    for row in scores.argsort(descending=True).tolist():
+        free = all(bool(distinct(T[row][None], T[k][None])) for k in expected)
+        if free and scores[row] > 0 and len(expected) < limit:
+            expected.append(row)
+    assert distinct_best(T, scores, limit) == expected
+    assert distinct_best(T[:0], scores[:0], limit) == distinct_best(T, -scores.abs(), limit) == []
+
+
+def test_several_are_refined_at_once_and_one_that_meets_nothing_stays(drive):
+    T = se3.inverse(drive.T_world_lidar(90)) @ drive.T_world_lidar(98)
+    config = RefineConfig()
+    source, target = (prepare(drive.scan(i), config) for i in (98, 90))
+    rough = [T @ se3.from_xyz_rpy(x=x, yaw=0.02) for x in (0.5, -0.5, 500.0)]
+    first, second, lost = refine_all(rough, source=source, target=target, config=config)
+    assert metrics.rte(first.T_target_source, second.T_target_source) < 0.03
+    assert metrics.rte(first.T_target_source, T) < 0.15
+    alone = refine(rough[2], source=source, target=target, config=config)
+    assert np.array_equal(alone.T_target_source, rough[2])
+    assert metrics.rte(lost.T_target_source, rough[2]) < 1e-6
 
 
 def test_refine_improves_a_rough_transform_and_refuses_to_walk(drive):

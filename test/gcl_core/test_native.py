@@ -7,9 +7,11 @@ import sys
 import pytest
 import torch
 
+from gcl_core.matching import nearest
 from gcl_core.models.blocks import ConvNorm
 from gcl_core.ops import kernel_map
 from gcl_core.ops.native import build, kernels
+from gcl_core.ops.native.nearest import nearest_rows
 from gcl_core.ops.sparse_conv import gather_matmul, gather_weight_grad, sparse_conv
 from gcl_core.ops.voxelize import coarsen, encode, refine
 
@@ -106,6 +108,33 @@ def test_number_of_threads_does_not_change_a_bit(dtype):
     finally:
         torch.set_num_threads(threads)
     assert all(torch.equal(a, b) for other in results for a, b in zip(results[0], other))
+
+
+@pytest.mark.parametrize('dtype', TOLERANCE)
+@pytest.mark.parametrize('shape', [(1, 1, 3), (5, 300, 32), (700, 65, 7), (300, 700, 16)])
+def test_nearest_rows(dtype, shape):
+    compiled(dtype)
+    n, m, length = shape
+    generator = torch.Generator().manual_seed(7)
+    source, target = (torch.randn(k, length, generator=generator).to(dtype) for k in (n, m))
+    ours, torchs = nearest_rows(source, target), nearest._by_chunks(source, target)
+    assert ours is not None
+    assert torch.equal(ours[1], torchs[1])
+    torch.testing.assert_close((ours[0], ours[2]), (torchs[0], torchs[2]))
+    threads = torch.get_num_threads()
+    try:
+        torch.set_num_threads(threads + 1)
+        again = nearest_rows(source, target)
+    finally:
+        torch.set_num_threads(threads)
+    assert all(torch.equal(a, b) for a, b in zip(ours, again))
+
+
+def test_the_first_of_equals_is_nearest_and_all_may_be_unlike():
+    target = torch.tensor([[0.0, 1.0]]).repeat(100, 1)
+    value, column, best = nearest_rows(torch.tensor([[1.0, -2.0]]), target)
+    assert (float(value), int(column)) == (-2.0, 0)
+    assert torch.equal(best, torch.full((100,), -2.0))
 
 
 def test_misfitting_input_is_refused():

@@ -2,23 +2,36 @@
 
 import json
 import shutil
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
+import yaml
 
 from gcl_core import se3
+from gcl_core.cli.main import main
+from gcl_core.config import load_config
 from gcl_core.data.clouds import write_cloud
 from gcl_core.data.eth import EthSequence
 from gcl_core.data.folder import FolderSequence
-from gcl_core.data.formats import open_sequence, open_sequences
+from gcl_core.data.formats import open_sequence, open_sequences, sequence_names
 from gcl_core.data.kitti import KittiSequence
 from gcl_core.data.nuscenes import read_logs
 from gcl_core.data.poses import read_poses
 from gcl_core.data.sequence import positions
 from gcl_core.errors import GclError
-from gcl_core.types import PointCloud
+from gcl_core.evaluation.benchmark import BenchmarkConfig
+from gcl_core.evaluation.contestants import check_weights
+from gcl_core.evaluation.eth_recall import inlier_share
+from gcl_core.evaluation.published import published
+from gcl_core.registrar import RegistrarConfig
+from gcl_core.training.recipe import TrainConfig
+from gcl_core.types import Correspondences, PointCloud
 
 SCANS = (90, 92, 94)
+CONFIG = Path(__file__).parents[2] / 'config'
 
 
 def line(T):
@@ -207,7 +220,7 @@ def test_nuscenes_forward_is_x(tmp_path, nuscenes):
         ('scene', '[{"token": "early", "log_token": "M"}]', "log.json has no row 'M'"),
         ('sample_data', '[{"token": "x"}]', "lacks 'is_key_frame'"),
         ('sample_data', '[]', 'lists no key frame'),
-        ('log', '{', 'not a nuScenes table'),
+        ('log', '{', 'is not valid JSON'),
         ('log', '[1]', 'not a nuScenes table'),
     ],
 )
@@ -348,7 +361,9 @@ def test_several_are_opened_by_name(kitti, eth):
         '08': 'kitti/08',
         '09-suma': 'kitti/09-suma',
     }
-    assert list(open_sequences(eth)) == ['wood_autmn']
+    assert sequence_names(kitti) == ['08', '09']
+    assert sequence_names(kitti / 'sequences/08') == ['08']
+    assert list(open_sequences(eth)) == sequence_names(eth.parent) == ['wood_autmn']
     shutil.copytree(eth, eth.parent / 'gazebo_summer')
     assert len(open_sequences(eth.parent, ['gazebo_summer', 'wood_autmn'], layout='eth')) == 2
     with pytest.raises(GclError, match="ETH scene 'stairs' is not there; there are gazebo_summer"):
@@ -375,3 +390,69 @@ def test_poses_of_another_width_are_named(tmp_path):
     (tmp_path / 'p.txt').write_text('0 0 0 0 0 0 1\n')
     with pytest.raises(GclError, match='expected 12 numbers a line, got 7'):
         read_poses(tmp_path / 'p.txt')
+
+
+# The benchmarks of the paper on their data sets' layouts
+
+
+@pytest.mark.parametrize(
+    ('name', 'layout', 'sequences', 'listed'),
+    [
+        ('kitti', 'kitti', ['08-suma'], '08-suma'),
+        ('lokitti', 'kitti', ['08-suma'], '8'),  # as the public list names it
+        ('nuscenes', 'nuscenes', None, 'n015-2018'),
+        ('lonuscenes', 'nuscenes', None, 'n015-2018'),
+    ],
+)
+def test_benchmarks_run_on_their_layout(
+    request, tmp_path_factory, name, layout, sequences, listed
+):
+    root, out = request.getfixturevalue(layout), tmp_path_factory.mktemp(name)
+    (out / 'list.txt').write_text(f'{listed} 1 0\n')
+    content = yaml.safe_load((CONFIG / f'bench_{name}.yaml').read_text())
+    content['methods'] = [{'kind': 'peer', 'name': 'gicp'}]
+    (out / 'bench.yaml').write_text(yaml.safe_dump(content))
+    arguments = ['--config', str(out / 'bench.yaml'), '--data', str(root), '--out', str(out / 'o')]
+    arguments += ['--pairs', str(out / 'list.txt')]
+    arguments += ['--sequence', *sequences] if sequences else []
+    assert main(['evaluate', *arguments]) == 0
+    results = json.loads((out / 'o/results.json').read_text())
+    assert [row['strict'] for row in results['rows']] == [1]
+    assert results['sequences'] == [f'{layout}/{"08-suma" if sequences else listed}']
+    assert [table['name'] for table in results['published']] == content.get('published', [])
+
+
+def test_eth_is_scored_by_its_links(eth, tmp_path_factory):
+    out = tmp_path_factory.mktemp('out')
+    content = yaml.safe_load((CONFIG / 'bench_eth.yaml').read_text())
+    content['methods'] = [{'voxel_size': 0.25}]  # the tiny tree is of street scans
+    (out / 'bench.yaml').write_text(yaml.safe_dump(content))
+    arguments = ['--config', str(out / 'bench.yaml'), '--data', str(eth.parent)]
+    assert main(['evaluate', *arguments, '--out', str(out / 'o')]) == 0
+    results = json.loads((out / 'o/results.json').read_text())
+    scene, mean = results['figures'][0]['rows']
+    assert (scene['scene'], scene['pairs']) == ('wood_autmn', 2)
+    assert mean['fmr_percent'] == scene['fmr_percent']
+    assert scene['mean_inlier_percent'] > 1  # 4 m apart
+    assert 'voxels of 0.25 m' in results['figures'][0]['caption']
+
+
+def test_inliers_of_eth_are_counted_by_hand():
+    points = torch.tensor([[0.0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 0, 0]])
+    off = torch.tensor([[0.0, 0.09, 0], [1, 0.11, 0], [2, 0, 0], [3, 5, 0]])
+    matches = Correspondences(points, off, torch.ones(4))
+    assert inlier_share(matches, np.eye(4)) == 0.5
+    assert inlier_share(Correspondences(points[:0], off[:0], torch.ones(0)), np.eye(4)) == 0
+
+
+@pytest.mark.parametrize('path', sorted(CONFIG.glob('bench_*.yaml')), ids=lambda p: p.stem)
+def test_benchmarks_name_recipes_that_exist(path):
+    config = load_config(BenchmarkConfig, path)
+    assert [published(name).name for name in config.published] == list(config.published)
+    for method in config.methods:
+        if recipe := getattr(method, 'trained_by', ''):
+            file, *settings = recipe.split()
+            load_config(TrainConfig, CONFIG.parent / file, settings[1:])
+            assert settings[:1] in ([], ['--set'])
+            with pytest.raises(GclError, match=f'gcl train --config {file}'):
+                check_weights(replace(method, registrar=RegistrarConfig(weights='no.safetensors')))

@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
+import torch
 
 from gcl_core import se3
 from gcl_core.data.kitti import KittiSequence
 from gcl_core.data.simulator.sequence import SimulatedSequence
 from gcl_core.errors import GclError
 from gcl_core.evaluation import metrics
-from gcl_core.registrar import Registrar, RegistrarConfig
+from gcl_core.registrar import Registrar, RegistrarConfig, Stopwatch
 from gcl_core.types import PointCloud
 
 
@@ -37,6 +38,19 @@ def test_registers_simulated_scans_at_any_heading(registrar, drive, yaw):
     assert {'describe', 'match', 'estimate', 'verify', 'refine', 'total'} == set(result.ms)
 
 
+def test_a_known_heading_needs_no_others(same_heading, drive):
+    turn = se3.from_xyz_rpy(yaw=2.0)
+    source = PointCloud(se3.transform(turn, drive.scan(102).points))
+    T = truth(drive, 102, 90) @ se3.inverse(turn)
+    target = same_heading.view(drive.scan(90))
+    for yaw, found in ((float(se3.yaw(T)), True), (0.0, False)):
+        result = same_heading.register_views(
+            source=same_heading.view(source, yaw=yaw), target=target
+        )
+        assert result.accepted == found
+        assert metrics.registered(result.T_target_source, T, metrics.STRICT) == found
+
+
 def test_registers_real_scans(same_heading, real_root):
     sequence = KittiSequence(real_root, '80')
     result = same_heading.register(source=sequence.scan(8), target=sequence.scan(0))
@@ -49,6 +63,23 @@ def test_same_scans_same_transform(same_heading, drive):
         for _ in range(2)
     )
     assert np.array_equal(first, second)
+
+
+def test_a_hypothesis_out_of_the_race_is_examined_as_it_is(same_heading, drive):
+    views = {
+        'source': same_heading.view(drive.scan(98)),
+        'target': same_heading.view(drive.scan(90)),
+    }
+    hypotheses, _ = same_heading.search(**views, watch=Stopwatch())
+    odds = torch.full((len(hypotheses),), -100.0)
+    odds[0], odds[1] = 5.0, -50.0
+    scene = same_heading.scene(**views)
+    first, second = same_heading.finalists(hypotheses, odds, scene, **views)
+    assert not first.refined.walked
+    assert metrics.rte(first.refined.T_target_source, truth(drive, 98, 90)) < 0.15
+    assert second.refined.walked
+    start = hypotheses[1].T_target_source.numpy()
+    assert np.array_equal(second.refined.T_target_source, start)
 
 
 def test_noise_is_refused_with_a_reason(same_heading, drive):

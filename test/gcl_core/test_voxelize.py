@@ -3,7 +3,10 @@ import pytest
 import torch
 
 from gcl_core.errors import GclError
+from gcl_core.ops import voxelize as voxelize_module
 from gcl_core.ops.ground import height_above_ground
+from gcl_core.ops.native.build import library
+from gcl_core.ops.native.voxelize import group_points
 from gcl_core.ops.voxelize import coarsen, encode, refine, voxelize
 from gcl_core.types import PointCloud
 
@@ -52,3 +55,22 @@ def test_height_above_ground_follows_the_slope_and_ignores_a_ghost():
     height = height_above_ground(points, torch.zeros(len(points), dtype=torch.long))
     assert float(height[-2]) == pytest.approx(3.0, abs=0.25)
     assert float(height[:-2].max()) < 0.3
+
+
+@pytest.mark.parametrize('count', [0, 1, 5000])
+def test_compiled_voxels_are_torchs(count):
+    if library() is None:
+        pytest.skip('no C++ compiler')
+    generator = torch.Generator().manual_seed(8)
+    points = 40 * torch.randn(count, 3, generator=generator)
+    limits = {'voxel_size': 0.7, 'max_range': 80.0}
+    compiled = group_points(points, **limits, axis_bits=16, limit=1000)
+    keys, mean = voxelize_module._grouped(points, **limits)
+    assert torch.equal(compiled[0], keys)
+    torch.testing.assert_close(compiled[1], mean)
+
+
+def test_a_voxel_off_the_grid_is_named():
+    far = PointCloud(np.array([[0.0, 0.0, 0.0], [9000.0, 0.0, 0.0]], np.float32))
+    with pytest.raises(GclError, match='90000 voxels'):
+        voxelize([far], voxel_size=0.1, max_range=2e4)

@@ -18,6 +18,7 @@ from sensor_msgs.msg import PointCloud2, PointField
 from std_srvs.srv import Trigger
 
 from gcl_core import se3
+from gcl_ros.bench_stream import make
 from gcl_ros.conversions import fill_point_cloud2
 
 ROOT = Path(__file__).parents[2]
@@ -51,12 +52,12 @@ class Rig:
     def _diagnosed(self, message) -> None:
         self.status = message.status[0]
 
-    def add(self, kind, *, start=True, **parameters):
+    def add(self, kind, *, start=True, cli_args=None, **parameters):
         """Start a node of this kind; `__` in a parameter's name stands for a dot."""
         overrides = [
             Parameter(name.replace('__', '.'), value=value) for name, value in parameters.items()
         ]
-        node = kind(context=self.context, parameter_overrides=overrides)
+        node = kind(context=self.context, parameter_overrides=overrides, cli_args=cli_args)
         self._nodes.append(node)
         if start:
             node.start()
@@ -147,6 +148,14 @@ def meeting(drive):
     """Thinned clouds of two vehicles 8 m apart, and where the source stands."""
     T = se3.inverse(drive.T_world_lidar(90)) @ drive.T_world_lidar(98)
     return drive.scan(98).points[::3], drive.scan(90).points[::3], T
+
+
+@pytest.fixture(scope='session')
+def streams(tmp_path_factory):
+    """Folder with the clouds of two vehicles that meet, for `gcl_ros.bench_stream`."""
+    path = tmp_path_factory.mktemp('streams')
+    make(path)
+    return path
 
 
 @pytest.fixture(scope='session')

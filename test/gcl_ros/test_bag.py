@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-from rosbags.typesys import get_typestore
 
 from gcl_core import se3
 from gcl_core.cli.main import main
@@ -10,17 +9,16 @@ from gcl_core.errors import GclError
 from gcl_core.types import PointCloud
 from gcl_ros.bag import (
     SOURCE,
-    STORE,
     TARGET,
     TRUTH,
     Encounter,
     following,
-    open_bag,
     pair_encounters,
     pair_list_label,
     read_encounters,
     write_bag,
 )
+from gcl_ros.bag_reader import open_bag
 from gcl_ros.conversions import matrix, point_cloud, seconds
 
 
@@ -31,11 +29,8 @@ def encounter() -> Encounter:
 
 
 def read(path):
-    types = get_typestore(STORE)
-    with open_bag(path) as reader:
-        return [
-            (c.topic, types.deserialize_cdr(raw, c.msgtype)) for c, _, raw in reader.messages()
-        ]
+    with open_bag(path) as bag:
+        return [(c.topic, message) for c, _, message in bag.messages(bag.connections)]
 
 
 @pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])

@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.typesys import get_typestore
 
 from gcl_core import se3
 from gcl_core.data.formats import open_sequence
 from gcl_core.errors import GclError
-from gcl_ros.bag import STORE, VERSION
+from gcl_ros.bag import VERSION
+from gcl_ros.bag_reader import message_types
 from gcl_ros.bag_sequence import BagSequence
 from gcl_ros.conversions import fill_point_cloud2, fill_transform
 
-TYPES = get_typestore(STORE)
+TYPES = message_types()
 M = TYPES.types
 STEP = 200_000_000  # nanoseconds between poses; scans lie half-way
 T_BASE_LIDAR = se3.from_xyz_rpy(1.2, 0.0, 1.7, yaw=0.3)

@@ -66,3 +66,24 @@ def test_recall_by_key_points_is_drawn(bag, tmp_path, monkeypatch, capsys):
     for method in ('raw', '250 int8', '250 bf16', '1000 int8', '1000 bf16'):
         assert f'| {method} | 5–10 | 2 |' in out
     assert (tmp_path / 'recall_by_kilobytes.png').stat().st_size > 5000
+    curve = json.loads((tmp_path / 'recall_by_kilobytes.json').read_text())['curve']
+    found = {(row['form'], row['keypoints']): row for row in curve}
+    assert len(found) == 5
+    assert found['int8', 1000]['bytes'] == 40_000
+    for row in curve:
+        assert (row['pairs'], row['wrong']) == (2, 0)
+        assert row['recall'][1] <= row['recall'][0] <= row['recall'][2]
+    assert found['raw', None]['right'] == 1
+    assert found['int8', 1000]['right'] == 1  # the noise is withheld
+
+
+def test_the_bench_describes_a_scan_once_for_all_methods(meeting):
+    source, target = (PointCloud(cloud) for cloud in meeting[:2])
+    bench = bench_keypoints.Bench(RegistrarConfig(turns=2))
+    model, described = bench.exchange.registrar.model, []
+    describe = model.describe
+    model.describe = lambda clouds: described.append(len(clouds)) or describe(clouds)
+    for method in bench.methods().values():
+        method(source, target)
+    # The source at two headings and as it is, the target as it is and at two headings.
+    assert len(described) == 6

@@ -9,12 +9,12 @@ from sensor_msgs.msg import PointCloud2, PointField
 from gcl_core import se3
 from gcl_core.errors import GclError
 from gcl_core.evaluation import metrics
-from gcl_core.registrar import Registrar, RegistrarConfig
+from gcl_core.registrar import Registrar
 from gcl_core.types import PointCloud
 from gcl_ros.conversions import fill_point_cloud2, matrix
 from gcl_ros.describer_node import DescriberNode
 from gcl_ros.exchange import Exchange, inverted_covariance
-from gcl_ros.feature_cloud import fill_feature_cloud, is_feature_cloud, turns_of
+from gcl_ros.feature_cloud import describe, fill_feature_cloud, is_feature_cloud
 from gcl_ros.registrar_node import RegistrarNode
 
 TURN = se3.from_xyz_rpy(yaw=2.0)  # of the source: beyond what one heading bears
@@ -22,7 +22,7 @@ TURN = se3.from_xyz_rpy(yaw=2.0)  # of the source: beyond what one heading bears
 
 @pytest.fixture(scope='module')
 def exchange():
-    return Exchange(Registrar(RegistrarConfig(turns=6)))
+    return Exchange(Registrar())
 
 
 @pytest.fixture(scope='module')
@@ -37,15 +37,13 @@ def raw(points) -> PointCloud2:
 
 
 def described(exchange, points, turns) -> PointCloud2:
-    model = exchange.registrar.model
-    clouds = [PointCloud(se3.transform(turn, points)) for turn in turns_of(turns)]
-    headings = [model.describe([cloud])[0] for cloud in clouds]
-    return fill_feature_cloud(PointCloud2(), headings, exchange.weights, 2000, PointField)
+    found = describe(exchange.registrar.model, PointCloud(points), turns)
+    return fill_feature_cloud(PointCloud2(), found, exchange.weights, 2000, PointField)
 
 
 @pytest.mark.parametrize(
     ('source_turns', 'target_turns', 'found'),
-    [(0, 0, True), (0, 1, True), (1, 0, True), (6, 1, True), (1, 6, True), (1, 1, False)],
+    [(0, 0, True), (0, 1, True), (1, 0, True), (12, 1, True), (1, 12, True), (1, 1, False)],
 )
 def test_every_combination(exchange, turned, source_turns, target_turns, found):
     """Turns of 0 stand for a raw cloud. One heading each finds only what faces the same way."""
@@ -86,7 +84,7 @@ def test_the_covariance_of_the_inverse_is_that_of_samples():
 
 def test_other_weights_and_handfuls_are_refused(exchange, turned):
     message = described(exchange, turned[0], 1)
-    message.fields[3].name = 'gcl1_ffffffffffff'
+    message.fields[4].name = 'gcl2_ffffffffffff'
     with pytest.raises(GclError, match='set the same weights on both vehicles'):
         exchange.read(message)
     with pytest.raises(GclError, match='has 900 points, 1000 are needed'):
@@ -105,7 +103,7 @@ def test_describer_to_registrar(rig, meeting):
 
     def forward(features):
         assert is_feature_cloud(features)
-        assert len(features.data) == 2000 * 38
+        assert len(features.data) == 2000 * 40
         rig.publishers['source'].publish(features)
 
     rig.node.create_subscription(PointCloud2, '/features', forward, 1)
@@ -133,4 +131,4 @@ def test_describer_says_what_is_wrong_and_lives(rig, meeting):
     good = raw(meeting[0])
     assert rig.until(lambda: features, every=lambda: points.publish(good))
     assert rig.until(lambda: rig.says('describing'), every=lambda: points.publish(good))
-    assert rig.figures()['bytes'] == '38000'
+    assert rig.figures()['bytes'] == '40000'

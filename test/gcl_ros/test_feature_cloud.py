@@ -10,11 +10,11 @@ from gcl_core.errors import GclError
 from gcl_core.types import Features
 from gcl_ros.conversions import fill_point_cloud2
 from gcl_ros.feature_cloud import (
+    Described,
     feature_cloud,
     fill_feature_cloud,
     is_feature_cloud,
     selected,
-    turns_of,
     weights_hash,
 )
 
@@ -29,12 +29,13 @@ def features(count, seed=0) -> Features:
 
 
 def written(headings, limit=1000) -> PointCloud2:
-    return fill_feature_cloud(PointCloud2(), headings, HASH, limit, PointField)
+    described = Described(headings, [2.5 + k for k in range(len(headings))])
+    return fill_feature_cloud(PointCloud2(), described, HASH, limit, PointField)
 
 
 def test_a_thousand_key_points_fit_forty_kilobytes():
     message = written([features(7000)])
-    assert (message.height, message.width, len(message.data)) == (1, 1000, 38_000)
+    assert (message.height, message.width, len(message.data)) == (1, 1000, 40_000)
 
 
 def test_most_key_points_are_above_the_ground():
@@ -56,7 +57,11 @@ def test_round_trip_at_every_heading():
     message = written(headings)
     assert (message.height, message.width) == (3, 200)
     assert is_feature_cloud(message)
-    for k, back in enumerate(feature_cloud(message, HASH)):
+    read = feature_cloud(message, HASH)
+    np.testing.assert_allclose(
+        np.exp(1j * np.array(read.yaws)), np.exp([2.5j, 3.5j, 4.5j]), atol=1e-4
+    )
+    for k, back in enumerate(read.headings):
         distance, row = torch.cdist(
             back.points, headings[k].points, compute_mode='donot_use_mm_for_euclid_dist'
         ).min(1)
@@ -68,11 +73,10 @@ def test_round_trip_at_every_heading():
 
 def test_positions_are_written_in_the_sensors_own_frame():
     one = features(200)
-    turned = Features(
-        torch.from_numpy(se3.transform(turns_of(2)[1], one.points.numpy())), one.descriptors
-    )
+    turn = se3.from_xyz_rpy(yaw=1.0)
+    turned = Features(torch.from_numpy(se3.transform(turn, one.points.numpy())), one.descriptors)
     message = written([one, turned])
-    rows = np.frombuffer(message.data, np.uint8).reshape(2, 200, 38)
+    rows = np.frombuffer(message.data, np.uint8).reshape(2, 200, 40)
     np.testing.assert_allclose(*rows[..., :6].copy().view('<i2').astype(int), atol=1)
 
 
@@ -88,16 +92,16 @@ def test_the_hash_tells_weights_apart(tiny_network):
 @pytest.mark.parametrize(
     ('change', 'text'),
     [
-        (lambda m: setattr(m.fields[3], 'name', 'gcl2_' + HASH), 'format 2, this node reads 1'),
-        (lambda m: setattr(m.fields[3], 'name', 'gcl1_ffff'), 'weights ffff, this node has 0123'),
-        (lambda m: setattr(m.fields[3], 'count', 16), 'not as format 1 says'),
-        (lambda m: setattr(m.fields[3], 'datatype', 7), 'not as format 1 says'),
+        (lambda m: setattr(m.fields[4], 'name', 'gcl1_' + HASH), 'format 1, this node reads 2'),
+        (lambda m: setattr(m.fields[4], 'name', 'gcl2_ffff'), 'weights ffff, this node has 0123'),
+        (lambda m: setattr(m.fields[4], 'count', 16), 'not as format 2 says'),
+        (lambda m: setattr(m.fields[4], 'datatype', 7), 'not as format 2 says'),
         (lambda m: setattr(m.fields[0], 'datatype', 7), "'x' is missing or not as"),
-        (lambda m: setattr(m.fields[3], 'offset', 7), 'lies outside'),
+        (lambda m: setattr(m.fields[4], 'offset', 9), 'lies outside'),
         (lambda m: m.fields.pop(1), "'y' is missing"),
         (lambda m: setattr(m, 'width', 0), 'empty'),
-        (lambda m: setattr(m, 'height', 2), 'carries 7600 bytes'),
-        (lambda m: setattr(m, 'data', bytes(7600)), 'descriptor is zero'),
+        (lambda m: setattr(m, 'height', 2), 'carries 8000 bytes'),
+        (lambda m: setattr(m, 'data', bytes(8000)), 'descriptor is zero'),
     ],
 )
 def test_what_does_not_fit_is_refused_with_the_reason(change, text):

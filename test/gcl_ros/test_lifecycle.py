@@ -12,8 +12,12 @@ from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from rcl_interfaces.srv import DescribeParameters, SetParameters, SetParametersAtomically
 from rclpy.parameter import Parameter
+from sensor_msgs.msg import PointCloud2, PointField
 
+from gcl_ros.conversions import fill_point_cloud2
+from gcl_ros.describer_node import DescriberConfig, DescriberNode
 from gcl_ros.parameters import flatten
+from gcl_ros.ranges import range_of
 from gcl_ros.registrar_node import NodeConfig, RegistrarNode
 
 # (state, transition) that exist, and where they lead
@@ -26,14 +30,14 @@ LEADS = {
 TRANSITIONS = [transition for _, transition in LEADS]
 
 
-def change(rig, transition) -> bool:
+def change(rig, transition, node='registrar') -> bool:
     request = ChangeState.Request()
     request.transition.id = transition
-    return rig.call(ChangeState, '/registrar/change_state', request).success
+    return rig.call(ChangeState, f'/{node}/change_state', request).success
 
 
-def state(rig) -> str:
-    return rig.call(GetState, '/registrar/get_state').current_state.label
+def state(rig, node='registrar') -> str:
+    return rig.call(GetState, f'/{node}/get_state').current_state.label
 
 
 def set_parameter(rig, name, value):
@@ -64,6 +68,49 @@ def test_transitions_in_any_order(rig, meeting):
     assert rig.until(lambda: transforms, every=send)
     assert change(rig, Transition.TRANSITION_ACTIVE_SHUTDOWN)
     assert state(rig) == 'finalized'
+
+
+def test_the_describer_takes_transitions_in_any_order_too(rig, meeting):
+    rig.add(DescriberNode, start=False)
+    points = rig.node.create_publisher(PointCloud2, '/points', 1)
+    features = rig.listen(PointCloud2, '/features')
+    cloud = fill_point_cloud2(PointCloud2(), meeting[0], PointField)
+    expected, rng = 'unconfigured', random.Random(7)
+    for _ in range(25):
+        transition = rng.choice(TRANSITIONS)
+        points.publish(cloud)
+        leads = LEADS.get((expected, transition))
+        assert change(rig, transition, 'describer') == (leads is not None)
+        expected = leads or expected
+        assert state(rig, 'describer') == expected
+    for transition in TRANSITIONS[:2]:
+        change(rig, transition, 'describer')
+    features.clear()
+    assert rig.until(lambda: features, every=lambda: points.publish(cloud))
+
+
+@pytest.mark.parametrize(
+    ('before', 'shutdown'),
+    [
+        ([], Transition.TRANSITION_UNCONFIGURED_SHUTDOWN),
+        (TRANSITIONS[:1], Transition.TRANSITION_INACTIVE_SHUTDOWN),
+        (TRANSITIONS[:2], Transition.TRANSITION_ACTIVE_SHUTDOWN),
+    ],
+    ids=['unconfigured', 'inactive', 'active'],
+)
+def test_it_can_be_shut_down_in_every_state(rig, meeting, before, shutdown):
+    rig.add(RegistrarNode, start=False, registrar__turns=1)
+    rig.publish_clouds()
+    transforms = rig.listen(TransformStamped, '/registrar/transform')
+    for transition in before:
+        assert change(rig, transition)
+    assert change(rig, shutdown)
+    assert state(rig) == 'finalized'
+    assert not any(change(rig, transition) for transition in TRANSITIONS)
+    transforms.clear()
+    send = lambda: rig.send(source=meeting[0], target=meeting[1])  # noqa: E731
+    assert not rig.until(lambda: transforms, every=send, patience=1.0)
+    assert rig.until(lambda: rig.says('finalized, not active'))
 
 
 def test_nothing_is_published_once_inactive(rig, meeting):
@@ -129,6 +176,21 @@ def test_values_that_do_not_fit_are_refused_with_the_reason(live, name, value, r
     assert not result.successful
     assert reason in result.reason
     assert live.node.config == before
+
+
+@pytest.mark.parametrize('kind', [NodeConfig, DescriberConfig])
+def test_every_number_has_a_range_and_beyond_it_is_refused(rig, kind):
+    """But seeds, and lists, which are checked as a whole."""
+    node = rig.add(RegistrarNode if kind is NodeConfig else DescriberNode, start=False)
+    for name, default in flatten(kind()).items():
+        if isinstance(default, bool | str | list) or name.endswith('seed'):
+            continue
+        low, high = range_of(name)
+        assert low <= default <= high, name
+        for value in (low - 1, high + 1):
+            (result,) = node.set_parameters([Parameter(name, value=type(default)(value))])
+            assert not result.successful, (name, value)
+        assert node.get_parameter(name).value == default
 
 
 def test_safe_values_change_while_active(live):

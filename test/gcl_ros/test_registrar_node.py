@@ -61,6 +61,26 @@ def test_diagnostics_carry_every_figure(rig, meeting):
     assert wanted <= set(figures)
 
 
+def test_the_heading_is_searched_for_once(rig, meeting):
+    """All headings for the first pair and after a reset, one in between; always the truth."""
+    turn = se3.from_xyz_rpy(yaw=2.0)
+    source, target, T = se3.transform(turn, meeting[0]), meeting[1], meeting[2] @ se3.inverse(turn)
+    rig.add(RegistrarNode, registrar__turns=4, on_demand=True)
+    rig.publish_clouds()
+    transforms = rig.listen(TransformStamped, '/registrar/transform')
+    send = lambda: rig.send(source=source, target=target)  # noqa: E731
+    assert rig.until(lambda: rig.figures().get('pairs', '0') != '0', every=send)
+    for number, headings in enumerate(('4', '1', '4'), start=1):
+        if number == 3:
+            assert rig.trigger('reset').success
+            assert rig.until(lambda: rig.figures()['pairs'] == '0')
+            assert rig.until(lambda: rig.figures()['pairs'] != '0', every=send)
+        assert rig.trigger('trigger').success
+        assert rig.until(lambda n=number: len(transforms) == n)
+        assert right(transforms[-1], T)
+        assert rig.until(lambda h=headings: rig.figures().get('headings') == h)
+
+
 def test_what_is_withheld_is_not_published_and_said(rig, meeting):
     node = rig.add(RegistrarNode, **FAST, registrar__min_probability=1.0)
     rig.publish_clouds()
@@ -113,17 +133,17 @@ def test_stamps_that_jump_back_and_clocks_that_differ(rig, meeting):
 
 
 def test_malformed_clouds_do_no_harm(rig, meeting, malformed):
-    """Two hundred of them, paired; nothing is published, and the next good pair comes out."""
+    """A thousand of them, paired; nothing is published, and the next good pair comes out."""
     node = rig.add(RegistrarNode, **FAST, reliable=True)
     rig.publish_clouds()
     transforms = rig.listen(TransformStamped, '/registrar/transform')
     assert rig.until(lambda: rig.publishers['source'].get_subscription_count())
-    for seed in range(200):
+    for seed in range(1000):
         if seed % 2:
             rig.send(source=malformed(seed), target=meeting[1][:2000])
         else:
             rig.send(source=malformed(seed), target=malformed(seed + 1))
-        if seed % 20 == 0:
+        if seed % 50 == 0:
             rig.until(lambda: False, patience=0.1)
     assert rig.until(lambda: rig.status and rig.status.level == ERROR)
     assert int(rig.figures()['left out']) > 0

@@ -7,8 +7,10 @@ from nav_msgs.msg import Odometry
 
 from gcl_core import se3
 from gcl_core.evaluation import metrics
+from gcl_core.types import Registration
 from gcl_ros.conversions import fill_pose, matrix, pose_matrix, seconds
 from gcl_ros.registrar_node import RegistrarNode
+from gcl_ros.tracking import MotionConfig, Tracking
 
 SPEED = {'source': 20.0, 'target': 10.0}  # metres a second, each along its own x
 FAST = {'registrar__turns': 1, 'max_pair_dt': 0.4}
@@ -90,3 +92,15 @@ def test_the_track_goes_on_between_registrations_and_ends(started, meeting):
     assert rig.trigger('reset').success
     wheels.until(9.0)
     assert not rig.until(lambda: stamp() > 4.05, patience=0.5)
+
+
+def test_the_track_tells_the_heading_to_look_at(rig):
+    tracking = Tracking(rig.node, MotionConfig(), source='source', prefix='~/')
+    assert tracking.heading is None
+    T = se3.from_xyz_rpy(x=20.0, yaw=2.5)
+    found = Registration(T, 500, 900, '', {}, True, 0.99, np.eye(6) * 1e-4)
+    tracking.registered(found, 'target_lidar', source=1.0, target=1.0)
+    assert tracking.heading == pytest.approx(2.5)
+    tracking.reset()
+    assert tracking.heading is None
+    tracking.destroy()

@@ -14,7 +14,15 @@ from functools import cache
 from pathlib import Path
 
 log = logging.getLogger(__name__)
-SOURCES = ('kernel_map.cpp', 'kpconv.cpp', 'radius.cpp', 'sparse_conv.cpp')
+SOURCES = (
+    'kernel_map.cpp',
+    'kpconv.cpp',
+    'nearest.cpp',
+    'radius.cpp',
+    'sparse_conv.cpp',
+    'voxelize.cpp',
+)
+HEADERS = ('product.h',)
 FLAGS = ('-O3', '-march=native', '-fopenmp', '-shared', '-fPIC', '-fno-exceptions', '-fno-rtti')
 SWITCH = 'GCL_NATIVE'  # environment variable; 0 keeps to plain torch
 COMPILE_SECONDS = 120
@@ -47,7 +55,7 @@ def _compiled(compiler: str) -> Path:
     here = Path(__file__).parent
     sources = [here / name for name in SOURCES]
     version = subprocess.run([compiler, '--version'], capture_output=True, check=True, timeout=10)
-    parts = [source.read_bytes() for source in sources]
+    parts = [path.read_bytes() for path in (*sources, *(here / name for name in HEADERS))]
     parts += [version.stdout, ' '.join(FLAGS).encode(), _processor().encode()]
     name = hashlib.sha256(b'\0'.join(parts)).hexdigest()[:16]
     path = _cache_folder() / f'kernels-{name}.so'

@@ -7,30 +7,21 @@
 // number of threads.
 
 #include <cstddef>
-#include <cstdint>
 #include <cstdlib>
-#include <cstring>
 
-#if defined(__AVX512BF16__)
-#include <immintrin.h>
-#endif
+#include "product.h"
 
 namespace {
 
 #if defined(__AVX512F__)
-constexpr long LANES = 16;
 constexpr int WIDE = 4;  // vectors in a register block: 6 x 4 sums in 32 registers
 #else
-constexpr long LANES = 8;
 constexpr int WIDE = 2;  // 6 x 2 sums in 16 registers
 #endif
 constexpr int NARROW = 2;
 constexpr int PAIRS = 6;                   // rows of a register block
 constexpr long TILE_BYTES = 192 * 1024;    // of float32 sums: a share of the second-level cache
 constexpr long WEIGHT_GRAD_PAIRS = 256;    // pairs packed at a time: 256 x 128 bf16 are 64 kB
-
-typedef float Vector __attribute__((vector_size(4 * LANES), aligned(4), may_alias));
-typedef uint16_t bfloat16;
 
 inline float widen(float value) { return value; }
 inline float widen(bfloat16 value) {
@@ -45,26 +36,6 @@ inline void narrow(float value, bfloat16& out) {  // to nearest, ties to even; N
     std::memcpy(&bits, &value, 4);
     out = value != value ? 0x7FC0 : bfloat16((bits + 0x7FFF + ((bits >> 16) & 1)) >> 16);
 }
-
-// STEP consecutive input channels are multiplied by one instruction.
-template <class T> struct Product;
-template <> struct Product<float> {
-    static constexpr long STEP = 1;
-    static inline void add(Vector& sum, const float* a, const float* b) {
-        sum += *a * *reinterpret_cast<const Vector*>(b);
-    }
-};
-#if defined(__AVX512BF16__)
-template <> struct Product<bfloat16> {
-    static constexpr long STEP = 2;
-    static inline void add(Vector& sum, const bfloat16* a, const bfloat16* b) {
-        int32_t two;
-        std::memcpy(&two, a, 4);
-        sum = (Vector)_mm512_dpbf16_ps((__m512)sum, (__m512bh)_mm512_set1_epi32(two),
-                                       (__m512bh)_mm512_loadu_si512(b));
-    }
-};
-#endif
 
 inline long round_up(long value, long to) { return (value + to - 1) / to * to; }
 inline long padded_width(long channels) { return round_up(channels, NARROW * LANES); }

@@ -1,0 +1,146 @@
+"""All methods on simulated and recorded pairs, for docs/results.md and the README.
+
+    python -m gcl_core.bench.results --data DIR
+
+Runs `config/bench_simulated.yaml` and, with `--data` or GCL_DATA, `config/bench_real.yaml`. What
+was measured stays in the folder of the runs: a second call goes on where the first was stopped.
+Run it when nothing else runs.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gcl_core.bench.measure import provenance
+from gcl_core.config import load_config
+from gcl_core.errors import GclError
+from gcl_core.evaluation.benchmark import BenchmarkConfig, Ours, Peer
+from gcl_core.evaluation.report import gather, write
+from gcl_core.evaluation.runner import Run
+from gcl_core.evaluation.score import Row
+from gcl_core.evaluation.tables import recall, summary
+from gcl_core.ops.memory import keep_freed_memory
+from gcl_core.registrar import RegistrarConfig
+
+CONFIGS = Path(__file__).parents[2] / 'config'
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Measure, write both files."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--data', type=Path, default=os.environ.get('GCL_DATA') or None)
+    parser.add_argument('--out', type=Path, default=Path('docs/results.md'))
+    parser.add_argument('--json', type=Path, default=Path('bench/results.json'))
+    parser.add_argument('--folder', type=Path, default=Path('build/bench'), help='of the runs')
+    parser.add_argument('--per-bin', type=int, help='fewer pairs than the configs say, for a try')
+    parser.add_argument('--without', nargs='*', default=[], help='peers to leave out, for a try')
+    options = parser.parse_args(arguments)
+    try:
+        measure(options)
+    except GclError as error:
+        print(f'results: {error}', file=sys.stderr)
+        return 2
+    return 0
+
+
+def measure(options: argparse.Namespace) -> None:
+    """Run every benchmark and write what came of it."""
+    keep_freed_memory()
+    facts, parts, rows = {}, [], []
+    for name in ('simulated', 'real') if options.data else ('simulated',):
+        config = adapted(load_config(BenchmarkConfig, CONFIGS / f'bench_{name}.yaml'), options)
+        if name == 'real':
+            config = replace(config, source=replace(config.source, data=str(options.data)))
+        run = Run(config, options.folder / name, provenance=provenance())
+        predictions = run.predict()
+        results = gather(run, predictions)
+        write(run, predictions, results)
+        facts = {key: str(value) for key, value in run.provenance.items()}
+        parts.append(section(run, results.rows))
+        rows += [row for r in results.rows for row in flat(run.config, r)]
+    options.json.parent.mkdir(parents=True, exist_ok=True)
+    options.json.write_text(json.dumps(rows, indent=1) + '\n')
+    options.out.parent.mkdir(parents=True, exist_ok=True)
+    options.out.write_text(document(facts, parts))
+    print(f'wrote {options.out} and {options.json}; pages in {options.folder}')
+
+
+def adapted(config: BenchmarkConfig, options: argparse.Namespace) -> BenchmarkConfig:
+    """Leave out peers that are not wanted or not installed; take fewer pairs if told."""
+    without = set(options.without)
+    if find_spec('kiss_matcher') is None:
+        print("kiss_matcher left out: pip install 'gcl_ros[kiss]'", file=sys.stderr)
+        without.add('kiss_matcher')
+    methods = tuple(m for m in config.methods if not (isinstance(m, Peer) and m.name in without))
+    fewer = options.per_bin
+    pairs = tuple(replace(p, per_bin=fewer or p.per_bin) for p in config.pairs)
+    return replace(config, methods=methods, pairs=pairs)
+
+
+def flat(config: BenchmarkConfig, row: Row) -> Iterator[dict[str, Any]]:
+    """One row as bench/results.json has it; recalls in [0, 1], null where nothing is known."""
+    if isinstance(row.bin, str):
+        return
+
+    def known(value: float, digits: int) -> float | None:
+        return round(value, digits) if np.isfinite(value) else None
+
+    yield {
+        'dataset': row.dataset,
+        'method': row.method,
+        'estimator': config.estimators[row.method],
+        'lo_m': row.bin[0],
+        'hi_m': row.bin[1],
+        'yaw': 'random' if config.random_yaw else 'driven',
+        'pairs': row.pairs,
+        'rr_strict': round(row.strict / row.pairs, 4),
+        'rr_loose': round(row.loose / row.pairs, 4),
+        'wrong': row.wrong,
+        'rte_median_m': known(row.rte_median, 4),
+        'rre_median_deg': known(row.rre_median_deg, 4),
+        'ms': known(1e3 * row.seconds, 1),
+        'peak_mb': known(row.peak_mb, 1),
+    }
+
+
+def section(run: Run, rows: list[Row]) -> str:
+    """Tables of one run."""
+    labels = '\n'.join(f'- {drawn.dataset}: {drawn.pairs.label}' for drawn in run.drawn)
+    turned = 'by a random heading' if run.config.random_yaw else 'not'
+    return (
+        f'## {run.config.title}\n\n{labels}\n\nEach source turned {turned}.\n\n'
+        f'{summary(rows).markdown()}\n\n{recall(rows).markdown()}\n'
+    )
+
+
+def document(facts: dict[str, str], parts: list[str]) -> str:
+    """The whole of docs/results.md."""
+    listed = ', '.join(f'{key} {value}' for key, value in facts.items())
+    weights = RegistrarConfig().weights
+    best = Ours(give=('accepted', 'best')).labels['best']
+    return (
+        '# Results\n\n'
+        'Written by `make bench DATA=DIR`; the numbers are in '
+        '[bench/results.json](../bench/results.json). '
+        f'{listed[0].upper()}{listed[1:]}; weights {weights}.\n\n'
+        'Recall in percent with its 95 % Wilson interval: strict is 0.6 m and 1.5°, loose 2 m and '
+        '5°. *wrong* counts transforms given that miss the loose criterion; GCL-ROS withholds '
+        f'what it is not sure of, which *{best}* gives too. mRR is the mean over the bins. RTE '
+        'and RRE are means over loosely registered pairs, s the median of a pair, MB the growth '
+        'of memory on the last pair of a bin. Pairs of one drive are correlated, so that the true '
+        'uncertainty is larger than the intervals.\n\n' + '\n'.join(parts)
+    )
+
+
+if __name__ == '__main__':
+    sys.exit(main())

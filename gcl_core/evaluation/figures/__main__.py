@@ -1,0 +1,73 @@
+"""`python -m gcl_core.evaluation.figures`: draw one figure."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+from gcl_core.data.formats import open_sequences
+from gcl_core.data.sequence import Sequence
+from gcl_core.data.simulator.sequence import SimulatedSequence
+from gcl_core.errors import GclError
+from gcl_core.evaluation.figures import FIGURES, FigureResult
+from gcl_core.registrar import Registrar, RegistrarConfig
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Parse, draw, write; returns the exit code."""
+    parser = argparse.ArgumentParser(prog='figures', description='Draw a figure of the paper.')
+    parser.add_argument('figure', choices=sorted(FIGURES))
+    source = parser.add_mutually_exclusive_group(required=True)
+    source.add_argument('--data', type=Path, help='data set, bag, or folder of clouds')
+    source.add_argument(
+        '--simulated', type=int, nargs='+', metavar='SEED', help='simulated drives'
+    )
+    parser.add_argument('--sequence', nargs='+', help='names of drives; default: the only one')
+    parser.add_argument('--weights', default=RegistrarConfig().weights, help='name or file')
+    parser.add_argument(
+        '--baseline', default='', help='pair-wise weights to draw beside in drift and inliers'
+    )
+    parser.add_argument('--seed', type=int, default=0)
+    parser.add_argument('--out', type=Path, required=True, help='SVG; its numbers go to .json')
+    try:
+        found = draw(parser.parse_args(arguments))
+    except GclError as error:
+        print(f'figures: {error}', file=sys.stderr)
+        return 2
+    print(f'{found.caption}\npublished: {found.published}')
+    return 0
+
+
+def draw(options: argparse.Namespace) -> FigureResult:
+    """Draw the figure and write it, its numbers beside it.
+
+    Raises:
+        GclError: bad weights or data, a figure without a baseline, or no way to write.
+    """
+    extra: dict[str, Any] = {}
+    if options.baseline:
+        if options.figure not in ('drift', 'inliers'):
+            raise GclError(f'{options.figure} describes no scan; leave --baseline out')
+        extra['baseline'] = options.baseline
+    registrar = Registrar(RegistrarConfig(weights=options.weights))
+    found = FIGURES[options.figure](registrar, _open(options), seed=options.seed, **extra)
+    rows = {'caption': found.caption, 'published': found.published, 'rows': found.rows}
+    try:
+        options.out.write_text(found.svg)
+        options.out.with_suffix('.json').write_text(json.dumps(rows, indent=2) + '\n')
+    except OSError as error:
+        raise GclError(f'cannot write {options.out}: {error.strerror}') from None
+    return found
+
+
+def _open(options: argparse.Namespace) -> dict[str, Sequence]:
+    if options.data:
+        return open_sequences(options.data, options.sequence)
+    return {str(seed): SimulatedSequence(seed) for seed in options.simulated}
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,43 @@
+"""Files that are whole or not there."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from safetensors import SafetensorError
+
+from gcl_core.errors import GclError
+
+
+@contextmanager
+def whole_file(path: Path) -> Iterator[Path]:
+    """Give a path beside `path` to write to; the file takes its place once it is written.
+
+    Raises:
+        GclError: it cannot be written, for lack of room for instance; what was there before is
+            still there.
+    """
+    part = path.with_name(f'.{os.getpid()}_{path.name}')  # keeps the suffix
+    try:
+        yield part
+        part.replace(path)
+    except (OSError, SafetensorError) as error:
+        reason = getattr(error, 'strerror', None) or error
+        raise GclError(
+            f'cannot write {path}: {reason}; check its folder and the room left on the disk'
+        ) from None
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a whole text file.
+
+    Raises:
+        GclError: as `whole_file`.
+    """
+    with whole_file(path) as part:
+        part.write_text(text)

@@ -1,0 +1,62 @@
+"""The direction that walls, hedges and kerb-side cars follow: a heading that scans agree on."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float, Int64
+
+CELL = 0.3  # metres: one vote for each occupied column, however tall
+BLOCK = 2.0  # metres: length of the pieces whose directions are taken
+GROUND_CELL = 4.0  # metres
+SOLID_HEIGHT = 0.5  # metres over the lowest point of its ground cell
+NEAREST, FARTHEST = 3.0, 60.0  # metres from the sensor: neither the own vehicle nor single returns
+FEWEST = 4  # columns in a piece
+THICKNESS = 0.02  # square metres: a piece this short has no direction
+
+
+def dominant_heading(points: Float[np.ndarray, 'n 3']) -> float:
+    """Main horizontal direction of what stands on the ground, radians within [-pi/4, pi/4[.
+
+    It is a property of the place, not of the vehicle: turned by its negative, scans of one street
+    face the same way but for a number of quarter turns. Columns that stand up from the ground are
+    cut into pieces of 2 m; each piece votes by its principal axis, the more the thinner it is; the
+    votes are averaged as angles that repeat every quarter turn. Curved streets and woods have no
+    single direction: there it changes from place to place.
+
+    Args:
+        points: one scan, z up within a few degrees.
+    """
+    flat = np.hypot(points[:, 0], points[:, 1])
+    points = points[(flat > NEAREST) & (flat < FARTHEST)]
+    if len(points) == 0:
+        return 0.0
+    _, cell = np.unique(_key(points[:, :2] / GROUND_CELL), return_inverse=True)
+    lowest = np.full(cell.max() + 1, np.inf)
+    np.minimum.at(lowest, cell, points[:, 2])
+    solid = points[points[:, 2] - lowest[cell] > SOLID_HEIGHT]
+    _, first = np.unique(_key(solid[:, :2] / CELL), return_index=True)
+    columns = (np.floor(solid[first, :2].astype(np.float64) / CELL) + 0.5) * CELL
+    if len(columns) == 0:
+        return 0.0
+    vote = sum(_votes(columns, shift) for shift in (0.0, 0.5 * BLOCK))
+    heading = float(np.angle(vote)) / 4
+    return heading if heading < np.pi / 4 else -np.pi / 4
+
+
+def _votes(columns: Float[np.ndarray, 'n 2'], shift: float) -> complex:
+    """Sum of the pieces' directions, four times as fast; pieces begin at `shift`."""
+    _, piece, count = np.unique(
+        _key((columns + shift) / BLOCK), return_inverse=True, return_counts=True
+    )
+    x, y = (columns[:, i] - (np.bincount(piece, columns[:, i]) / count)[piece] for i in (0, 1))
+    xx, yy, xy = (np.bincount(piece, p) / count for p in (x * x, y * y, x * y))
+    spread = np.hypot(xx - yy, 2 * xy)
+    weight = np.where(count >= FEWEST, count * (spread / (xx + yy + THICKNESS)) ** 4, 0.0)
+    twice = np.arctan2(2 * xy, xx - yy)
+    return complex((weight * np.exp(2j * twice)).sum())
+
+
+def _key(cells: Float[np.ndarray, 'n 2']) -> Int64[np.ndarray, ' n']:
+    """One integer for each cell."""
+    whole = np.floor(cells).astype(np.int64)
+    return (whole[:, 0] << 32) + whole[:, 1]

@@ -1,0 +1,111 @@
+"""A rosbag2 that may be damaged: whatever goes wrong in reading it comes out as one GclError."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from rosbags.interfaces import Connection
+from rosbags.rosbag2 import Reader
+from rosbags.typesys import Stores, get_typestore
+
+from gcl_core.errors import GclError
+
+STORE = Stores.ROS2_HUMBLE  # the messages used here are the same from Humble to Kilted
+
+
+@cache
+def message_types() -> Any:
+    """All message types of `STORE`; made once, in tenths of a second."""
+    return get_typestore(STORE)
+
+
+@contextmanager
+def _refused(what: str) -> Iterator[None]:
+    """Around calls of rosbags alone: damaged input makes it fail in a dozen ways."""
+    try:
+        yield
+    except (Exception, MemoryError) as error:
+        reason = str(error) or type(error).__name__
+        raise GclError(f'cannot read {what}: {reason[:500]}; is it damaged or cut off?') from None
+
+
+def deserialized(raw: Any, kind: str) -> Any:
+    """A message from its bytes.
+
+    Raises:
+        GclError: they are damaged, or the type is none of ROS's own.
+    """
+    with _refused(f'a message of type {kind}'):
+        return message_types().deserialize_cdr(raw, kind)
+
+
+class Bag:
+    """A bag that is open.
+
+    Attributes:
+        connections: topics with their types.
+        message_count: of all topics.
+        start_time: of the first message, nanoseconds.
+        end_time: of the last.
+        duration: between them.
+        custom: data of whoever wrote it.
+    """
+
+    def __init__(self, path: Path, reader: Reader) -> None:
+        self._path, self._reader = path, reader
+        with _refused(f'bag {path}'):
+            self.connections = list(reader.connections)
+            self.message_count, self.duration = int(reader.message_count), int(reader.duration)
+            self.start_time, self.end_time = int(reader.start_time), int(reader.end_time)
+            self.custom = dict(reader.storage.metadata.custom or {})
+        for c in self.connections:
+            if not (isinstance(c.topic, str) and isinstance(c.msgtype, str)) or (
+                not isinstance(c.msgcount, int)
+            ):
+                raise GclError(f'cannot read bag {path}: a topic in metadata.yaml is damaged')
+
+    def raw(
+        self, connections: Collection[Connection] = (), **span: int
+    ) -> Iterator[tuple[Connection, int, Any]]:
+        """Connection, time of writing in nanoseconds, and bytes of each message.
+
+        Args:
+            connections: all if none.
+            span: `start` and `stop`, nanoseconds.
+        """
+        messages = None
+        while True:
+            with _refused(f'bag {self._path}'):
+                messages = messages or self._reader.messages(connections, **span)
+                found = next(messages, None)
+            if found is None:
+                return
+            yield found
+
+    def messages(
+        self, connections: Collection[Connection], **span: int
+    ) -> Iterator[tuple[Connection, int, Any]]:
+        """The same with messages instead of bytes; of these connections only."""
+        for connection, written, raw in self.raw(connections, **span) if connections else ():
+            yield connection, written, deserialized(raw, connection.msgtype)
+
+
+@contextmanager
+def open_bag(path: Path) -> Iterator[Bag]:
+    """Open a rosbag2 folder.
+
+    Raises:
+        GclError: missing or damaged.
+    """
+    reader = None
+    with _refused(f'bag {path}'):
+        reader = Reader(path)
+        reader.open()
+    try:
+        yield Bag(path, reader)
+    finally:
+        reader.close()

@@ -1,0 +1,71 @@
+"""`python -m gcl_ros.fuzz`: every target in a process of its own; a table, and JSON."""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import json
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+from gcl_core.bench.measure import provenance
+from gcl_ros.fuzz.sandbox import MEMORY, PATIENCE
+from gcl_ros.fuzz.targets import targets
+
+LIMIT = 3600  # seconds of a target
+
+
+def one(name: str, inputs: int, seed: int, build: Path) -> dict[str, Any]:
+    """Fuzz one target; `failure` says how it ended if not well."""
+    folder = build / ''.join(c if c.isalnum() else '_' for c in name)
+    folder.mkdir(parents=True, exist_ok=True)
+    report = folder / 'report.json'
+    report.unlink(missing_ok=True)
+    command = [sys.executable, '-m', 'gcl_ros.fuzz.guided', name, '--inputs', str(inputs)]
+    command += ['--seed', str(seed), '--folder', str(folder), '--report', str(report)]
+    began = time.monotonic()
+    with (folder / 'log').open('w') as log:
+        code = subprocess.run(command, stdout=log, stderr=log, timeout=LIMIT).returncode
+    row: dict[str, Any] = {'target': name, 'seconds': round(time.monotonic() - began, 1)}
+    if code == 0 and report.exists():
+        return row | json.loads(report.read_text())
+    tail = (folder / 'log').read_text(errors='replace').splitlines()[-12:]
+    return row | {'failure': f'exit {code}: ' + ' | '.join(tail), 'input': str(folder / 'last')}
+
+
+def main() -> None:
+    """Parse the command line, fuzz, report; exit code 1 if a reader did harm."""
+    parser = argparse.ArgumentParser(prog='fuzz', description=__doc__)
+    parser.add_argument('--inputs', type=int, default=100_000, help='of all targets together')
+    parser.add_argument('--seed', type=int, default=0)
+    parser.add_argument('--targets', nargs='+', help='some of them')
+    parser.add_argument('--build', type=Path, default=Path('build/fuzz'), help='logs and inputs')
+    parser.add_argument('--out', type=Path, default=Path('bench/fuzz.json'))
+    o = parser.parse_args()
+    names = o.targets or list(targets())
+    each = -(-o.inputs // len(names))
+    rows = []
+    for name in names:
+        rows.append(one(name, each, o.seed, o.build))
+        print(json.dumps(rows[-1]), flush=True)
+    guided = importlib.util.find_spec('atheris') is not None
+    content = {
+        'inputs': sum(row.get('read', 0) + row.get('refused', 0) for row in rows),
+        'engine': 'atheris' if guided else 'mutations without coverage',
+        'seed': o.seed,
+        'memory_bound_mb': MEMORY >> 20,
+        'processor_bound_s': PATIENCE,
+        'targets': rows,
+        **provenance(),
+    }
+    o.out.write_text(json.dumps(content, indent=1) + '\n')
+    failed = [row['target'] for row in rows if 'failure' in row]
+    print(f'{content["inputs"]} inputs, {len(rows)} targets, failed: {failed or "none"}')
+    sys.exit(bool(failed))
+
+
+if __name__ == '__main__':
+    main()

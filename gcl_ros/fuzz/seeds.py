@@ -1,0 +1,174 @@
+"""Small whole inputs of every format, for the fuzzers to break."""
+
+from __future__ import annotations
+
+import io
+import json
+import tempfile
+from collections.abc import Callable
+from dataclasses import asdict
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+import yaml
+
+from gcl_core import se3
+from gcl_core.data.clouds import write_cloud
+from gcl_core.data.pair_list import PairList, listed, write_pair_list
+from gcl_core.estimation.confidence import load_calibration
+from gcl_core.models import zoo
+from gcl_core.models.resunet import ResUNetConfig
+from gcl_core.registrar import SHIPPED, RegistrarConfig
+from gcl_core.training import checkpoint
+from gcl_core.types import Features, PointCloud
+from gcl_ros.bag import Encounter, encounter_messages, write_bag
+from gcl_ros.bag_reader import message_types
+from gcl_ros.feature_cloud import fill_feature_cloud
+
+TINY = ResUNetConfig(encoder=(2, 2, 2, 2), decoder=(2, 2, 2), head=2, descriptor=2)
+HASH = '0123456789ab'
+POSE = '1 0 0 0.5 0 1 0 -2 0 0 1 3e-1\n'
+TOKENS = ('ego_pose', 'calibrated_sensor', 'sample', 'scene', 'log')
+
+
+def cloud(count: int = 40) -> PointCloud:
+    """A few points."""
+    return PointCloud(np.random.default_rng(0).normal(0, 9, (count, 3)).astype(np.float32))
+
+
+def network(seed: int = 0) -> Any:
+    """A network of a few weights."""
+    torch.manual_seed(seed)
+    return zoo.build(TINY)
+
+
+def state() -> checkpoint.State:
+    """What a checkpoint of such a network holds, after one step."""
+    model = network()
+    optimizer = torch.optim.SGD(model.parameters(), lr=0.1, momentum=0.8)
+    sum(p.sum() for p in model.parameters()).backward()
+    optimizer.step()
+    return checkpoint.State(model, optimizer, None)
+
+
+def file_of(name: str, write: Callable[[Path], object]) -> bytes:
+    """Bytes of the file that `write` makes."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / name
+        write(path)
+        return path.read_bytes()
+
+
+@cache
+def bag(storage: Any) -> tuple[bytes, bytes]:
+    """Metadata and storage of a small bag."""
+    encounters = [Encounter(1.0 + i, cloud(), cloud(30), np.eye(4)) for i in range(2)]
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / 'bag'
+        write_bag(path, encounters, storage)
+        (data,) = (f for f in path.iterdir() if f.suffix != '.yaml')
+        return (path / 'metadata.yaml').read_bytes(), data.read_bytes()
+
+
+@cache
+def raw_message() -> bytes:
+    """A PointCloud2 of points, serialized."""
+    types = message_types()
+    encounter = Encounter(1.0, cloud(), cloud(), np.eye(4))
+    message = [m for _, m in encounter_messages(types, encounter, 10**9)][1]
+    return bytes(types.serialize_cdr(message, message.__msgtype__))
+
+
+@cache
+def feature_message() -> bytes:
+    """A PointCloud2 of features, serialized."""
+    types = message_types()
+    encounter = Encounter(1.0, cloud(), cloud(), np.eye(4))
+    message = [m for _, m in encounter_messages(types, encounter, 10**9)][1]
+    vectors = torch.nn.functional.normalize(torch.randn(40, 32), dim=1)
+    headings = [Features(torch.from_numpy(cloud().points), vectors)] * 2
+    field = types.types['sensor_msgs/msg/PointField']
+    fill_feature_cloud(message, headings, HASH, 40, field)
+    message.data = np.frombuffer(message.data, np.uint8)
+    return bytes(types.serialize_cdr(message, message.__msgtype__))
+
+
+def pcd(kind: str) -> bytes:
+    """A .pcd file, ascii, binary or compressed."""
+    import open3d as o3d
+
+    tensor = o3d.t.geometry.PointCloud(o3d.core.Tensor(cloud().points))
+    options = {'write_ascii': kind == 'ascii', 'compressed': kind == 'compressed'}
+    return file_of('c.pcd', lambda p: o3d.t.io.write_point_cloud(str(p), tensor, **options))
+
+
+def ply(kind: str) -> bytes:
+    """A .ply file, ascii or binary."""
+    import open3d as o3d
+
+    tensor = o3d.t.geometry.PointCloud(o3d.core.Tensor(cloud().points))
+    ascii_ = kind == 'ascii'
+    return file_of(
+        'c.ply', lambda p: o3d.t.io.write_point_cloud(str(p), tensor, write_ascii=ascii_)
+    )
+
+
+def npy() -> bytes:
+    """A .npy file."""
+    stream = io.BytesIO()
+    np.save(stream, cloud().points, allow_pickle=False)
+    return stream.getvalue()
+
+
+@cache
+def weights() -> bytes:
+    """A weights file."""
+    return file_of('w.safetensors', lambda path: zoo.save_weights(path, network(), {}))
+
+
+def calibration() -> bytes:
+    """The shipped calibration."""
+    content = asdict(load_calibration(zoo.FOLDER / SHIPPED))
+    return json.dumps({**content, 'record': {}}).encode()
+
+
+def config() -> bytes:
+    """The registrar's settings."""
+    plain = json.loads(json.dumps(asdict(RegistrarConfig())))
+    return yaml.safe_dump(plain).encode()
+
+
+def links() -> bytes:
+    """ETH's `gt.log`."""
+    rows = '\n'.join(' '.join(map(str, row)) for row in se3.from_xyz_rpy(1, 2, 3, yaw=0.5))
+    return f'0 1 2\n{rows}\n1 0 2\n{rows}\n'.encode()
+
+
+def pair_list() -> bytes:
+    """A pair list with its hash."""
+    pairs = PairList('few', listed('08', [(0, 1), (1, 0)]), (10, 20), ('a note',))
+    return file_of('pairs.txt', lambda path: write_pair_list(path, pairs))
+
+
+def nuscenes() -> dict[str, list[dict[str, Any]]]:
+    """One key frame in nuScenes' tables."""
+    pose = {'rotation': [1.0, 0.0, 0.0, 0.0], 'translation': [1.0, 2.0, 0.5]}
+    frame: dict[str, Any] = {'token': 'f', 'is_key_frame': True, 'timestamp': 1_500_000}
+    frame |= {'filename': 'samples/LIDAR_TOP/f.pcd.bin', 'sample_token': 's'}
+    frame |= {'ego_pose_token': 'e', 'calibrated_sensor_token': 'c'}
+    return {
+        'sample_data': [frame],
+        'ego_pose': [{'token': 'e', **pose}],
+        'calibrated_sensor': [{'token': 'c', **pose}],
+        'sample': [{'token': 's', 'scene_token': 'n'}],
+        'scene': [{'token': 'n', 'log_token': 'l'}],
+        'log': [{'token': 'l', 'logfile': 'drive'}],
+    }
+
+
+def bin_file() -> bytes:
+    """KITTI's .bin."""
+    return file_of('c.bin', lambda path: write_cloud(path, cloud()))

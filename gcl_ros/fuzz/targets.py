@@ -1,0 +1,165 @@
+"""What is fuzzed: each reader, with whole inputs to start from."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from gcl_core.config import load_config
+from gcl_core.data.clouds import read_cloud
+from gcl_core.data.eth import read_links
+from gcl_core.data.kitti import read_calibration
+from gcl_core.data.nuscenes import read_logs
+from gcl_core.data.pair_list import read_pair_list
+from gcl_core.data.poses import read_poses
+from gcl_core.errors import GclError
+from gcl_core.estimation.confidence import load_calibration
+from gcl_core.models import zoo
+from gcl_core.registrar import RegistrarConfig
+from gcl_core.training import checkpoint
+from gcl_core.training.recipe import TrainConfig
+from gcl_ros.bag import CLOUD, read_encounters
+from gcl_ros.bag_info import summary
+from gcl_ros.bag_reader import deserialized
+from gcl_ros.bag_sequence import BagSequence
+from gcl_ros.conversions import point_cloud
+from gcl_ros.deskew import deskewed
+from gcl_ros.feature_cloud import feature_cloud, is_feature_cloud
+from gcl_ros.fuzz import seeds
+from gcl_ros.motion import Odometry
+
+Read = Callable[[bytes, Path], object]  # an input, and a folder that is the reader's own
+
+
+@dataclass(frozen=True)
+class Target:
+    """A reader and whole inputs for it."""
+
+    seeds: Callable[[], list[bytes]]
+    read: Read
+
+
+def _message(data: bytes, _: Path) -> None:
+    """A cloud as it comes over the wire or lies in a bag."""
+    message = deserialized(data, CLOUD)
+    if is_feature_cloud(message):
+        feature_cloud(message, seeds.HASH)
+    else:
+        deskewed(message, Odometry())
+        point_cloud(message)
+
+
+def _wire(data: bytes, folder: Path) -> None:
+    """The same bytes through the deserializer of the middleware, which is C++."""
+    from rclpy.serialization import deserialize_message
+    from sensor_msgs.msg import PointCloud2
+
+    try:
+        message = deserialize_message(data, PointCloud2)
+    except Exception as error:
+        raise GclError(f'the middleware refuses these bytes: {error}') from None
+    if is_feature_cloud(message):
+        feature_cloud(message, seeds.HASH)
+    else:
+        point_cloud(message)
+
+
+def _file(name: str, read: Callable[[Path], object]) -> Read:
+    def from_bytes(data: bytes, folder: Path) -> object:
+        path = folder / name
+        path.write_bytes(data)
+        return read(path)
+
+    return from_bytes
+
+
+def _bag(part: str, storage: str) -> Read:
+    """A bag with either its metadata or its storage broken."""
+    name = 'bag.mcap' if storage == 'mcap' else 'bag.db3'
+    whole = dict(zip(('metadata.yaml', name), seeds.bag(storage), strict=True))
+
+    def from_bytes(data: bytes, folder: Path) -> None:
+        files = whole | {'metadata.yaml' if part == 'metadata' else name: data}
+        for file, content in files.items():
+            (folder / file).write_bytes(content)
+        summary(folder)
+        list(read_encounters(folder))
+        BagSequence(folder, topic='/source/points').scan(0)
+
+    return from_bytes
+
+
+def _weights(data: bytes, folder: Path) -> None:
+    path = folder / 'w.safetensors'
+    path.write_bytes(data)
+    zoo.load_weights(str(path))
+
+
+def _record(data: bytes, folder: Path) -> None:
+    """Weights whose record is broken."""
+    (folder / 'w.json').write_bytes(data)
+    _weights(seeds.weights(), folder)
+
+
+def _checkpoint(path: Path) -> None:
+    checkpoint.load(path, seeds.state())
+
+
+def _nuscenes(data: bytes, folder: Path) -> None:
+    """All tables in one text, a line each."""
+    tables = folder / 'v1.0-mini'
+    tables.mkdir(exist_ok=True)
+    lines = data.split(b'\n')
+    for name, line in zip(seeds.nuscenes(), lines, strict=False):
+        (tables / f'{name}.json').write_bytes(line)
+    for sequence in read_logs(folder).values():
+        sequence.T_world_lidar(0)
+
+
+def _tables() -> list[bytes]:
+    return ['\n'.join(json.dumps(table) for table in seeds.nuscenes().values()).encode()]
+
+
+def targets() -> dict[str, Target]:
+    """Every target by its name."""
+    found: dict[str, Target] = {
+        'message': Target(lambda: [seeds.raw_message(), seeds.feature_message()], _message),
+        'wire': Target(lambda: [seeds.raw_message(), seeds.feature_message()], _wire),
+        'weights': Target(lambda: [seeds.weights()], _weights),
+        'weights record': Target(lambda: [b'{"sha256": "0"}'], _record),
+        'nuscenes': Target(_tables, _nuscenes),
+    }
+    for storage in ('mcap', 'sqlite3'):
+        metadata, data = seeds.bag(storage)
+        found[f'bag {storage}'] = Target(partial(list, [data]), _bag('storage', storage))
+        found[f'bag {storage} metadata'] = Target(
+            partial(list, [metadata]), _bag('metadata', storage)
+        )
+    for name, read, make in _files():
+        found[name] = Target(make, _file(name, read))
+    return found
+
+
+def _files() -> list[tuple[str, Callable[[Path], object], Callable[[], list[bytes]]]]:
+    """Readers of one file each."""
+    pcds = lambda: [seeds.pcd(kind) for kind in ('ascii', 'binary', 'compressed')]  # noqa: E731
+    steps = lambda: [  # noqa: E731
+        seeds.file_of('c', lambda path: checkpoint.save(path, seeds.state(), 3, {}))
+    ]
+    return [
+        ('c.pcd', read_cloud, pcds),
+        ('c.ply', read_cloud, lambda: [seeds.ply('ascii'), seeds.ply('binary')]),
+        ('c.bin', read_cloud, lambda: [seeds.bin_file()]),
+        ('c.npy', read_cloud, lambda: [seeds.npy()]),
+        ('registrar.yaml', partial(load_config, RegistrarConfig), lambda: [seeds.config()]),
+        ('train.yaml', partial(load_config, TrainConfig), lambda: [b'seed: 1\nsteps: 10\n']),
+        ('checkpoint.safetensors', _checkpoint, steps),
+        ('w.calibration.json', load_calibration, lambda: [seeds.calibration()]),
+        ('poses.txt', read_poses, lambda: [3 * seeds.POSE.encode()]),
+        ('calib.txt', read_calibration, lambda: [f'P0: 1\nTr: {seeds.POSE}'.encode()]),
+        ('gt.log', partial(read_links, count=2), lambda: [seeds.links()]),
+        ('pairs.txt', read_pair_list, lambda: [seeds.pair_list()]),
+    ]

@@ -1,0 +1,221 @@
+"""Benchmarks end to end on three pairs: once in one process, once in two, cut off and resumed."""
+
+import json
+import shutil
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gcl_core import se3
+from gcl_core.bench import results as bench
+from gcl_core.cli.main import main
+from gcl_core.config import load_config
+from gcl_core.data.clouds import write_cloud
+from gcl_core.errors import GclError
+from gcl_core.evaluation import metrics
+from gcl_core.evaluation.benchmark import BenchmarkConfig, Ours
+from gcl_core.evaluation.contestants import ready, registrar
+from gcl_core.evaluation.records import read_lines
+from gcl_core.evaluation.runner import Run
+from gcl_core.models import zoo
+from gcl_core.registrar import RegistrarConfig
+
+PAIRS = ((1, 0), (2, 0), (3, 0))  # 1, 2 and 22 m apart: GICP finds the first two
+TIMES = ('seconds', 'peak_mb')
+GIVE = ('accepted', 'best')
+
+
+@pytest.fixture(scope='module')
+def data(tmp_path_factory, drive):
+    """A folder of four scans with poses, a list of three pairs, and a benchmark of them."""
+    path = tmp_path_factory.mktemp('benchmark') / 'drive'
+    path.mkdir()
+    scans = (90, 91, 92, 112)
+    for i in scans:
+        write_cloud(path / f'{i}.npy', drive.scan(i))
+    rows = [' '.join(map(str, drive.T_world_lidar(i)[:3].ravel())) for i in scans]
+    (path / 'poses.txt').write_text('\n'.join(rows))
+    lines = [f'drive {source} {target}' for source, target in PAIRS]
+    (path.parent / 'list.txt').write_text('\n'.join(lines))
+    (path.parent / 'bench.yaml').write_text(
+        f'title: Three pairs\nsource: {{data: {path}}}\n'
+        f'pairs: [{{kind: list, file: {path.parent}/list.txt, name: three}}]\n'
+        'methods: [{kind: peer, name: gicp}]\npublished: [comparison_kitti, inference]\n'
+        'criteria: [{rte: 0.1, rre_deg: 0.5}]\nworst: 2\n'
+    )
+    return path.parent
+
+
+def evaluate(data, out, *more):
+    return main(['evaluate', '--config', str(data / 'bench.yaml'), '--out', str(out), *more])
+
+
+@pytest.fixture(scope='module')
+def done(data, tmp_path_factory):
+    out = tmp_path_factory.mktemp('done')
+    assert evaluate(data, out) == 0
+    return out
+
+
+def timeless(rows):
+    return [{k: v for k, v in row.items() if k not in TIMES} for row in rows]
+
+
+def results(out):
+    return json.loads((out / 'results.json').read_text())
+
+
+def test_all_outputs_are_there(done):
+    found = results(done)
+    assert sum(row['strict'] for row in found['rows']) == 2
+    assert [row['dataset'] for row in found['rows']] == ['three'] * len(found['rows'])
+    assert sum(row['more'][0] for row in found['rows']) <= 2
+    assert found['breakdowns']['overlap, %']
+    assert found['commit']
+    text = (done / 'results.md').read_text()
+    assert '| gicp | 20–30 | 1 |' in text
+    assert 'Published (Liu et al., ICCV 2023, table comparison_kitti)' in text
+    page = (done / 'report.html').read_text()
+    assert page.count('class="case"') == 2
+    assert 'src=' not in page
+    assert 'GCL+Conv, published' in page
+
+
+def test_a_run_that_was_cut_off_goes_on(data, done, tmp_path, capfd):
+    shutil.copytree(done, tmp_path / 'cut')
+    path = tmp_path / 'cut/predictions-0.jsonl'
+    lines = path.read_text().splitlines(keepends=True)
+    path.write_text(lines[0] + lines[1][:50])
+    assert evaluate(data, tmp_path / 'cut') == 0
+    assert timeless(results(tmp_path / 'cut')['rows']) == timeless(results(done)['rows'])
+    assert path.read_text().startswith(lines[0])
+    assert len(read_lines(tmp_path / 'cut')) == 3
+    assert '2/2' in capfd.readouterr().err
+    assert evaluate(data, tmp_path / 'cut') == 0  # scores what is there
+    assert 'pair/s' not in capfd.readouterr().err
+
+
+def test_two_processes_come_to_the_same(data, done, tmp_path):
+    torchrun = [sys.executable, '-m', 'torch.distributed.run', '--standalone']
+    command = ['-m', 'gcl_core.cli.main', 'evaluate', '--config', str(data / 'bench.yaml')]
+    ran = subprocess.run(
+        [*torchrun, '--nproc_per_node', '2', *command, '--out', str(tmp_path)],
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+    assert ran.returncode == 0, ran.stderr
+    assert timeless(results(tmp_path)['rows']) == timeless(results(done)['rows'])
+    counts = [len((tmp_path / f'predictions-{i}.jsonl').read_text().splitlines()) for i in (0, 1)]
+    assert counts == [2, 1]
+
+
+def test_a_folder_of_another_run_is_refused(data, done, tmp_path, capsys):
+    assert evaluate(data, done, '--random-yaw') == 2
+    assert 'another config (random_yaw differs); take another --out' in capsys.readouterr().err
+    run = json.loads((done / 'run.json').read_text())
+    (tmp_path / 'run.json').write_text(json.dumps({**run, 'pairs_sha256': 'a' * 64}))
+    assert evaluate(data, tmp_path) == 2
+    assert 'the data or the list was changed' in capsys.readouterr().err
+    (tmp_path / 'file').write_text('')
+    assert evaluate(data, tmp_path / 'file') == 2
+    assert 'must be a folder' in capsys.readouterr().err
+    assert evaluate(data, tmp_path / 'x', '--peers', 'gicp') == 2
+    assert 'methods stand in --config' in capsys.readouterr().err
+
+
+def test_a_broken_record_is_named(data, done, tmp_path, capsys):
+    shutil.copytree(done, tmp_path / 'broken')
+    with (tmp_path / 'broken/predictions-0.jsonl').open('a') as file:
+        file.write('{"method": 1}\n')
+    assert evaluate(data, tmp_path / 'broken') == 2
+    assert 'predictions-0.jsonl, line 4 is no prediction' in capsys.readouterr().err
+
+
+def test_missing_weights_come_with_the_command_that_makes_them(data, tmp_path, capsys):
+    (tmp_path / 'bench.yaml').write_text(
+        'methods: [{registrar: {weights: runs/x/weights.safetensors}, '
+        'trained_by: config/train_conv.yaml}]\n'
+    )
+    arguments = ['--config', str(tmp_path / 'bench.yaml'), '--simulated', '3']
+    assert main(['evaluate', *arguments, '--out', str(tmp_path / 'out')]) == 2
+    expected = '`gcl train --config config/train_conv.yaml --out runs/x`'
+    assert expected in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ('text', 'message'),
+    [
+        ('methods: [{kind: peer, name: gicp}, {kind: peer, name: gicp}]', 'gicp come twice'),
+        ('methods: [{kind: other}]', "'other' is none of ours, peer, estimators"),
+        ('methods: []', 'methods is empty'),
+        ('pairs: [{kind: list, per_bin: 0}]', 'per_bin is 0'),
+        ('source: {meet: dancing}', "'dancing' is none of"),
+        ('figure: []', "unknown key 'figure'"),
+    ],
+)
+def test_bad_benchmarks_are_named(tmp_path, text, message):
+    (tmp_path / 'b.yaml').write_text(text)
+    with pytest.raises(GclError, match=message):
+        load_config(BenchmarkConfig, tmp_path / 'b.yaml')
+
+
+def test_ours_gives_both_answers_of_one_registration(drive):
+    config = Ours(registrar=RegistrarConfig(turns=1, min_probability=1.0), give=GIVE)
+    accepted, best = ready(config)(drive.scan(98), drive.scan(90))
+    assert [accepted.method, best.method] == list(config.estimators)
+    assert accepted.T_target_source is None
+    T = se3.inverse(drive.T_world_lidar(90)) @ drive.T_world_lidar(98)
+    assert metrics.registered(best.T_target_source, T, metrics.LOOSE)
+    assert 0 < best.ms['features'] < best.ms['total']
+    assert best.ms['data'] > 0
+    fine = registrar(replace(config, voxel_size=0.25)).model
+    assert fine.config.voxel_size == 0.25
+    few, many = (len(m.describe([drive.scan(90)])[0]) for m in (zoo.load_weights(), fine))
+    assert many > 1.1 * few
+
+
+def test_vehicles_that_meet_make_pairs_of_both_sensors(tmp_path):
+    (tmp_path / 'b.yaml').write_text(
+        'source: {simulated: [3], meet: oncoming, sensors: [hdl64e, hdl32e]}\n'
+        'pairs: [{per_bin: 1}]\nrandom_yaw: true\nmethods: [{kind: peer, name: gicp}]\n'
+    )
+    config = load_config(BenchmarkConfig, tmp_path / 'b.yaml')
+    run = Run(config, tmp_path / 'out')
+    assert len(run.tasks) == 5
+    assert [task.weighed for task in run.tasks] == [True] * 5
+    assert len({task.turned for task in run.tasks}) == 5
+    predictions = run.predict()
+    names = {'hdl64e', 'hdl32e'}
+    assert all(set(p.sensors.split(' to ')) <= names for p in predictions)
+    assert all(0 < p.overlap < 1 for p in predictions)
+    assert np.ptp([p.pair.distance for p in predictions]) > 30
+
+
+def test_the_results_of_make_bench(data, tmp_path, monkeypatch, capsys):
+    text = (data / 'bench.yaml').read_text()
+    more = 'methods: [{kind: peer, name: gicp}, {kind: peer, name: fpfh}]'
+    text = text.replace('methods: [{kind: peer, name: gicp}]', more)
+    (tmp_path / 'bench_simulated.yaml').write_text(text)
+    monkeypatch.setattr(bench, 'CONFIGS', tmp_path)
+    monkeypatch.delenv('GCL_DATA', raising=False)
+    arguments = ['--out', str(tmp_path / 'r.md'), '--json', str(tmp_path / 'r.json')]
+    arguments += ['--folder', str(tmp_path / 'runs'), '--without', 'fpfh', 'kiss_matcher']
+    assert bench.main(arguments) == 0
+    rows = json.loads((tmp_path / 'r.json').read_text())
+    near, far = rows
+    assert list(near) == [
+        'dataset', 'method', 'estimator', 'lo_m', 'hi_m', 'yaw', 'pairs', 'rr_strict', 'rr_loose',
+        'wrong', 'rte_median_m', 'rre_median_deg', 'ms', 'peak_mb',
+    ]  # fmt: skip
+    assert (near['method'], near['yaw'], near['rr_strict']) == ('gicp', 'driven', 1.0)
+    assert (far['lo_m'], far['hi_m'], far['rte_median_m']) == (20, 30, None)
+    written = (tmp_path / 'r.md').read_text()
+    assert '## Three pairs' in written
+    assert 'commit' in written
+    assert '| gicp | 20–30 | 1 | 0 (' in written
+    assert bench.main([*arguments, '--data', 'nowhere']) == 2
+    assert 'cannot read config' in capsys.readouterr().err

@@ -1,0 +1,106 @@
+"""The heading of the last transform: where it is looked for first, and nothing more."""
+
+import numpy as np
+import pytest
+
+from gcl_core import se3
+from gcl_core.evaluation import metrics
+from gcl_core.registrar import Registrar
+from gcl_core.types import PointCloud
+from gcl_ros.exchange import Exchange
+from gcl_ros.feature_cloud import describe
+from gcl_ros.heading import Heading
+from gcl_ros.views import STEPS, Look, look_at, scan_of
+
+
+def test_it_is_remembered_for_a_while():
+    heading = Heading(memory=5.0)
+    assert heading.at(0.0) is None
+    heading.found(10.0, se3.from_xyz_rpy(yaw=1.0))
+    assert heading.at(15.0) == pytest.approx(1.0)
+    assert heading.at(15.1) is None
+    assert heading.at(4.0) is None  # stamps that jumped back
+    heading.forget()
+    assert heading.at(10.0) is None
+    heading.found(10.0, se3.from_xyz_rpy(yaw=1.0))
+    heading.memory = 0.0
+    assert heading.at(10.0) is None
+
+
+@pytest.mark.parametrize('yaw', [-np.pi, -1.0, 0.0, 0.3, 3.14])
+def test_it_is_rounded_to_the_nearest_step(yaw):
+    look = look_at(yaw)
+    off = abs(np.angle(np.exp(1j * (look.yaw - yaw))))
+    assert look.turns == 1
+    assert 0 <= look.step < STEPS
+    assert off <= np.pi / STEPS + 1e-9
+
+
+@pytest.fixture(scope='module')
+def exchange():
+    exchange = Exchange(Registrar())
+    yield exchange
+    exchange.close()
+
+
+@pytest.fixture(scope='module')
+def turned(meeting):
+    """The source turned beyond what one heading bears, the target, the truth."""
+    turn = se3.from_xyz_rpy(yaw=2.0)
+    source, target, T = meeting
+    clouds = (PointCloud(se3.transform(turn, source).astype(np.float32)), PointCloud(target))
+    return *clouds, T @ se3.inverse(turn)
+
+
+@pytest.mark.parametrize(
+    ('off', 'headings'), [(0.0, {1}), (0.1, {1}), (np.pi / 2, {5, 17}), (None, {4, 16})]
+)
+def test_a_wrong_one_costs_time_and_nothing_else(exchange, turned, off, headings):
+    source, target, T = turned
+    yaw = None if off is None else se3.yaw(T) + off
+    scans = {'source': exchange.raw(source), 'target': exchange.raw(target)}
+    registered = exchange.register(**scans, yaw=yaw)
+    assert registered.result.accepted
+    assert metrics.registered(registered.result.T_target_source, T, metrics.STRICT)
+    assert registered.headings in headings
+    assert len(exchange.agreeing(registered)) > 20
+
+
+@pytest.mark.parametrize('described', ['source', 'target'])
+def test_it_serves_described_scans_too(exchange, turned, described):
+    """The raw side is turned by it, whichever that is; of a described one a row is taken."""
+    source, target, T = turned
+    scans = {'source': exchange.raw(source), 'target': exchange.raw(target)}
+    model = exchange.registrar.model
+    scans[described] = scan_of(describe(model, scans[described].cloud, 1))
+    registered = exchange.register(**scans, yaw=se3.yaw(T))
+    assert registered.result.accepted
+    assert registered.swapped == (described == 'source')
+    assert registered.headings == 1
+    assert metrics.registered(registered.result.T_target_source, T, metrics.STRICT)
+
+
+def test_a_row_of_a_described_scan_is_taken(exchange, turned):
+    source, target, T = turned
+    model = exchange.registrar.model
+    scans = {
+        'source': scan_of(describe(model, source, 12)),
+        'target': scan_of(describe(model, target, 1)),
+    }
+    registered = exchange.register(**scans, yaw=se3.yaw(T))
+    assert registered.result.accepted
+    assert registered.headings == 1
+    assert metrics.registered(registered.result.T_target_source, T, metrics.STRICT)
+
+
+def test_what_was_prepared_is_not_made_again(exchange, turned):
+    source, target, T = turned
+    scans = exchange.raw(source), exchange.raw(target)
+    yaw = se3.yaw(T)
+    exchange.prepare(scans[1], turned=False, swapped=False, yaw=yaw)
+    exchange.prepare(scans[0], turned=True, swapped=False, yaw=yaw)
+    between = se3.yaw(scans[1].T_view_lidar @ T @ se3.inverse(scans[0].T_view_lidar))
+    kept = exchange._views.get(scans[0], look_at(between)), exchange._views.get(scans[1], Look())
+    registered = exchange.register(source=scans[0], target=scans[1], yaw=yaw)
+    assert registered.source is kept[0]
+    assert registered.target is kept[1]
