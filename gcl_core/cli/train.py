@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from gcl_core.config import load_config
-from gcl_core.evaluation.plots import training_curves
+from gcl_core.training.curves import training_curves
 
 
 def add_parser(commands: Any) -> None:
@@ -55,6 +55,6 @@ def run(options: argparse.Namespace) -> int:
     }
     save_weights(options.out / 'weights.safetensors', trainer.shipped, record)
     log = options.out / 'log.jsonl'
-    training_curves(options.out / 'curves.png', log)
+    training_curves(options.out / 'curves.png', {'run': log})
     print(f'wrote {options.out / "weights.safetensors"} and {options.out / "curves.png"}')
     return 0

@@ -1,9 +1,8 @@
-"""Pictures: two scans from above, before and after; recall over distance; training curves."""
+"""Pictures: two scans from above, before and after; recall over distance."""
 
 from __future__ import annotations
 
 import io
-import json
 from collections.abc import Callable, Mapping
 from collections.abc import Sequence as List
 from pathlib import Path
@@ -140,25 +139,3 @@ def _draw_matches(axes: Any, matches: Correspondences, T: Float[np.ndarray, '4 4
     moved = source if T is None else se3.transform(T, source)
     lines = np.stack([moved[:, :2], matches.target.double().numpy()[:, :2]], 1)
     axes.add_collection(LineCollection(lines, colors='#2f9e44', linewidths=0.4, alpha=0.6))
-
-
-def training_curves(path: Path, log: Path) -> None:
-    """Draw loss and top-1 share over steps from a trainer's `log.jsonl`."""
-    from matplotlib.figure import Figure
-
-    rows = [json.loads(line) for line in log.read_text().splitlines()]
-    if not rows:
-        raise GclError(f'{log} is empty; train first')
-    figure = Figure(figsize=(11, 4))
-    steps = [row['step'] for row in rows]
-    for column, key in enumerate(('contrast', 'top1')):
-        axes = figure.add_subplot(1, 2, column + 1)
-        values = np.array([row[key] for row in rows])
-        axes.plot(steps, values, lw=0.4, alpha=0.4)
-        window = min(25, len(values))
-        smooth = np.convolve(values, np.ones(window) / window, mode='valid')
-        axes.plot(steps[window - 1 :], smooth)
-        axes.set_xlabel('step')
-        axes.set_title(key)
-        axes.grid(alpha=0.3)
-    save(figure, path)
