@@ -131,7 +131,7 @@ def measure(folder: Path, minutes: float, rate: float, offset: float, settings: 
         _first(watcher)
         watch(watcher, node.pid, 60 * minutes, period)
         watcher.destroy_node()
-    truth = np.load(folder / 'truth.npy')
+    truth = np.load(folder / 'truth.npy', allow_pickle=False)
     return {'idle_cpu_percent': idle, **summary(record, truth, begin=begin, rate=rate)}
 
 

@@ -47,9 +47,9 @@ def make(folder: Path) -> None:
         steps.append((start + len(steps), first + len(steps)))
     for side, sequence, column in (('source', source, 0), ('target', target, 1)):
         clouds = {f'{k:03d}': sequence.scan(step[column]).points for k, step in enumerate(steps)}
-        np.savez(folder / f'{side}.npz', **clouds)
+        np.savez(folder / f'{side}.npz', allow_pickle=False, **clouds)
     truth = [se3.inverse(target.T_world_lidar(t)) @ source.T_world_lidar(s) for s, t in steps]
-    np.save(folder / 'truth.npy', np.stack(truth))
+    np.save(folder / 'truth.npy', np.stack(truth), allow_pickle=False)
 
 
 def _distance(source: SimulatedSequence, target: SimulatedSequence, s: int, t: int) -> float:
@@ -66,7 +66,7 @@ def there_and_back(number: int, steps: int) -> int:
 def messages(folder: Path, side: Side) -> list[PointCloud2]:
     """A cloud for each step: x, y, z and intensity, 16 bytes a point."""
     made = []
-    with np.load(folder / f'{side}.npz') as clouds:
+    with np.load(folder / f'{side}.npz', allow_pickle=False) as clouds:
         for name in sorted(clouds):
             points = np.column_stack([clouds[name], np.zeros(len(clouds[name]), np.float32)])
             message = fill_point_cloud2(PointCloud2(), points[:, :3], PointField)

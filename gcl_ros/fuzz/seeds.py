@@ -26,7 +26,7 @@ from gcl_core.training import checkpoint
 from gcl_core.types import Features, PointCloud
 from gcl_ros.bag import Encounter, encounter_messages, write_bag
 from gcl_ros.bag_reader import message_types
-from gcl_ros.feature_cloud import fill_feature_cloud
+from gcl_ros.feature_cloud import Described, fill_feature_cloud
 
 TINY = ResUNetConfig(encoder=(2, 2, 2, 2), decoder=(2, 2, 2), head=2, descriptor=2)
 HASH = '0123456789ab'
@@ -90,8 +90,9 @@ def feature_message() -> bytes:
     message = [m for _, m in encounter_messages(types, encounter, 10**9)][1]
     vectors = torch.nn.functional.normalize(torch.randn(40, 32), dim=1)
     headings = [Features(torch.from_numpy(cloud().points), vectors)] * 2
+    described = Described(headings, [0.5, -2.5])
     field = types.types['sensor_msgs/msg/PointField']
-    fill_feature_cloud(message, headings, HASH, 40, field)
+    fill_feature_cloud(message, described, HASH, 40, field)
     message.data = np.frombuffer(message.data, np.uint8)
     return bytes(types.serialize_cdr(message, message.__msgtype__))
 
