@@ -9,28 +9,20 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
+import torch
 
 from gcl_core import se3
 from gcl_core.data.eth import EthSequence
 from gcl_core.data.sequence import Sequence
 from gcl_core.errors import GclError
 from gcl_core.evaluation.compare import PAPER_MATCHES
+from gcl_core.evaluation.feature_metrics import TAU2, feature_match_recall, inlier_ratio
 from gcl_core.evaluation.metrics import wilson
 from gcl_core.matching.match import match
 from gcl_core.registrar import Registrar
-from gcl_core.types import Correspondences, Features
+from gcl_core.types import Features, PointCloud
 
 TAU1 = 0.1  # metres between the points of a right match (paper)
-TAU2 = 0.05  # share of right matches that makes a pair count (paper)
-
-
-def inlier_share(matches: Correspondences, T_target_source: np.ndarray) -> float:
-    """Share of matches whose points lie within `TAU1` after the true transform; 0 of none."""
-    if not len(matches):
-        return 0.0
-    moved = se3.transform(T_target_source, matches.source.double().numpy())
-    gap = np.linalg.norm(moved - matches.target.double().numpy(), axis=1)
-    return float((gap < TAU1).mean())
 
 
 def eth_recall(
@@ -39,7 +31,8 @@ def eth_recall(
     """Score every pair that `gt.log` links; one row a scene, and their mean.
 
     Matches are those of the paper's registrations, one-way from 5,000 random key points; the paper
-    does not say which ones its recall counts.
+    does not say which ones its recall counts. A scan is described at one heading, that of its
+    street where the network wants it so.
 
     Args:
         registrar: whose network describes.
@@ -68,18 +61,23 @@ def _scene(registrar: Registrar, name: str, sequence: Sequence) -> dict[str, Any
 
     @lru_cache(maxsize=8)
     def described(index: int) -> Features:
-        return registrar.model.describe([sequence.scan(index)])[0]
+        cloud = sequence.scan(index)
+        T_view_lidar = registrar.model.facing(cloud)
+        turned = PointCloud(se3.transform(T_view_lidar, cloud.points))
+        features = registrar.model.describe([turned])[0]
+        own = se3.transform(se3.inverse(T_view_lidar), features.points.numpy())
+        return Features(torch.from_numpy(own), features.descriptors)
 
-    shares = []
+    ratios = []
     for (target, source), T in sorted(sequence.links.items()):
         matches = match(source=described(source), target=described(target), config=PAPER_MATCHES)
-        shares.append(inlier_share(matches, T))
-    good = sum(share > TAU2 for share in shares)
-    low, high = wilson(good, len(shares))
+        ratios.append(inlier_ratio(matches, T, TAU1))
+    good, pairs = feature_match_recall(ratios)
+    low, high = wilson(good, pairs)
     return {
         'scene': name,
-        'pairs': len(shares),
-        'fmr_percent': 100 * good / len(shares),
+        'pairs': pairs,
+        'fmr_percent': 100 * good / pairs,
         'interval_percent': f'{100 * low:.0f}–{100 * high:.0f}',
-        'mean_inlier_percent': 100 * float(np.mean(shares)),
+        'mean_inlier_percent': 100 * float(np.mean(ratios)),
     }

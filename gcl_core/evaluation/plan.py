@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from tqdm import tqdm
 
 from gcl_core.data import pair_sets
 from gcl_core.data.formats import open_sequences, sequence_names
@@ -139,7 +140,9 @@ def _lists(config: PairsConfig, sequences: dict[str, Sequence]) -> Iterator[Pair
     elif config.kind == 'fcgf':
         yield pair_sets.fcgf_set(sequences)
     elif config.kind == 'low_overlap':
-        yield pair_sets.low_overlap_set(sequences)
+        with tqdm(unit='pair', desc='overlaps') as bar:
+            found = pair_sets.low_overlap_set(sequences, keep=lambda *_: bar.update() and None)
+        yield found
     else:
         yield pair_sets.random_set(sequences, per_bin=config.per_bin, seed=config.seed)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
@@ -15,6 +14,7 @@ from gcl_core.evaluation.benchmark import Ours
 from gcl_core.evaluation.cases import Case, case, worst
 from gcl_core.evaluation.contestants import registrar
 from gcl_core.evaluation.eth_recall import eth_recall
+from gcl_core.evaluation.figures import FIGURES
 from gcl_core.evaluation.page import Drawing, page
 from gcl_core.evaluation.plots import recall_over_distance, svg
 from gcl_core.evaluation.predict import Prediction
@@ -122,9 +122,7 @@ def _plots(rows: list[Row], shown: list[Published]) -> Iterator[Drawing]:
 
 def _figures(run: Run) -> list[dict[str, Any]]:
     """Draw the analysis figures with every one of our methods."""
-    known = {'eth_recall': eth_recall}
-    if {*run.config.figures} - {*known}:
-        known |= importlib.import_module('gcl_core.evaluation.figures').FIGURES
+    known: dict[str, Callable[..., Any]] = {'eth_recall': eth_recall, **FIGURES}
     for name in run.config.figures:
         if name not in known:
             raise GclError(f'no figure {name!r}; there are {", ".join(known)}')

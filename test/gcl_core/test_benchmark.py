@@ -16,12 +16,14 @@ from gcl_core.config import load_config
 from gcl_core.data.clouds import write_cloud
 from gcl_core.errors import GclError
 from gcl_core.evaluation import metrics
-from gcl_core.evaluation.benchmark import BenchmarkConfig, Ours
+from gcl_core.evaluation.benchmark import BenchmarkConfig, Ours, PairsConfig, SourceConfig
 from gcl_core.evaluation.contestants import ready, registrar
+from gcl_core.evaluation.plan import digest, draw, tasks
 from gcl_core.evaluation.records import read_lines
 from gcl_core.evaluation.runner import Run
 from gcl_core.models import zoo
 from gcl_core.registrar import RegistrarConfig
+from gcl_core.types import PointCloud
 
 PAIRS = ((1, 0), (2, 0), (3, 0))  # 1, 2 and 22 m apart: GICP finds the first two
 TIMES = ('seconds', 'peak_mb')
@@ -161,6 +163,47 @@ def test_bad_benchmarks_are_named(tmp_path, text, message):
     (tmp_path / 'b.yaml').write_text(text)
     with pytest.raises(GclError, match=message):
         load_config(BenchmarkConfig, tmp_path / 'b.yaml')
+
+
+class Straight:
+    """Implements `Sequence`: a metre a scan, which sees one point a metre ahead."""
+
+    def __init__(self, name):
+        self.name = name
+
+    def __len__(self):
+        return 200
+
+    def scan(self, index):
+        return PointCloud(np.array([[1.0, 0.0, 0.0]], np.float32))
+
+    def T_world_lidar(self, index):
+        return se3.from_xyz_rpy(x=1.0 * index)
+
+
+def test_sets_are_named_limited_and_turned_alike_however_they_are_run():
+    source = SourceConfig(each=True)
+    sets = (PairsConfig(per_bin=4), PairsConfig(kind='distance', ranges=((20, 30),), limit=1))
+    config = BenchmarkConfig(source=source, pairs=sets, random_yaw=True, seed=3)
+    sequences = {name: Straight(f'fake/{name}') for name in 'ab'}
+    drawn = draw(config, sequences)
+    assert [d.dataset for d in drawn] == ['fake/a', 'fake/a', 'fake/b', 'fake/b']
+    assert [len(d.pairs.pairs) for d in drawn] == [20, 1, 20, 1]
+    assert drawn[1].pairs.name.startswith('fake [20,30], 1 of ')
+    found = tasks(config, drawn, sequences)
+    assert [t.number for t in found] == list(range(42))
+    assert sum(t.weighed for t in found) == 10
+    # As a generator gives them one after the other: the README's figures were drawn so.
+    rng = np.random.default_rng(3)
+    assert [t.turned for t in found[:3]] == [rng.uniform(-np.pi, np.pi) for _ in range(3)]
+    assert digest(drawn) != digest(drawn[:1])
+    together = draw(replace(config, source=SourceConfig(), pairs=sets[:1]), sequences)
+    assert [d.dataset for d in together] == ['fake']
+    low = draw(replace(config, pairs=(PairsConfig(kind='low_overlap', name='low'),)), sequences)
+    assert [d.dataset for d in low] == ['low/a', 'low/b']
+    far = replace(config, pairs=(PairsConfig(kind='distance', ranges=((90, 95),)),))
+    with pytest.raises(GclError, match=r'no two scans as far apart as wanted \(fake \[90,95\]'):
+        draw(far, sequences)
 
 
 def test_ours_gives_both_answers_of_one_registration(drive):
