@@ -165,7 +165,7 @@ def run(make: Callable[[], ConfiguredNode[Any]]) -> None:
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
-    keep_freed_memory()
+    keep_freed_memory(arenas=1)
     with rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO):
         node = make()
         if lost := unprotected():
