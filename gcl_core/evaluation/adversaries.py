@@ -13,7 +13,7 @@ from gcl_core.data.sequence import Sequence
 from gcl_core.data.simulator.kinds import KINDS
 from gcl_core.data.simulator.sequence import SimulatedSequence
 from gcl_core.evaluation.barren import BarrenSequence
-from gcl_core.evaluation.encounters import MAX_YAW, Seen, see
+from gcl_core.evaluation.encounters import Seen, see
 from gcl_core.evaluation.repeated import RepeatedSequence
 from gcl_core.registrar import Registrar, View
 
@@ -99,7 +99,7 @@ class Street:
     ) -> None:
         self._registrar, self._rng = registrar, rng
         self._drive = SimulatedSequence(seed, kind=kind)
-        self._yaw = float(rng.uniform(-np.pi, np.pi)), MAX_YAW
+        self._yaw = float(rng.uniform(-np.pi, np.pi))
         self._middle = len(self._drive) // 2 + int(rng.integers(-8, 8))
         bins = rng.permutation([5, 10, 20, 30, 40])[:3]
         away = [float(rng.uniform(low, min(2 * low, low + 10))) for low in bins]
@@ -148,7 +148,7 @@ def repeated(registrar: Registrar, seed: int, rng: np.random.Generator) -> Itera
     """A street of one house: pairs along it, and with the parallel street."""
     drive = RepeatedSequence(seed)
     half, turns = len(drive) // 2, registrar.config.turns
-    yaw = float(rng.uniform(-np.pi, np.pi)), MAX_YAW
+    yaw = float(rng.uniform(-np.pi, np.pi))
     middles = half // 2 + rng.integers(-10, 10, 3)
     targets = [see(registrar, drive, int(i), rng, yaw=yaw) for i in middles]
     along = half // 2 + rng.uniform(5, 50, 4) * rng.choice([-1, 1], 4)
@@ -161,7 +161,7 @@ def repeated(registrar: Registrar, seed: int, rng: np.random.Generator) -> Itera
 def barren(registrar: Registrar, seed: int, kind: str, rng: np.random.Generator) -> Iterator[Case]:
     """Pairs 5 to 50 m apart in a tunnel or on an empty field."""
     drive = BarrenSequence(seed, kind)
-    yaw = float(rng.uniform(-np.pi, np.pi)), MAX_YAW
+    yaw = float(rng.uniform(-np.pi, np.pi))
     middle, turns = len(drive) // 2, registrar.config.turns
     targets = [see(registrar, drive, i, rng, yaw=yaw) for i in (middle, middle + 7)]
     for away in rng.uniform(5, 50, 4) * rng.choice([-1, 1], 4):

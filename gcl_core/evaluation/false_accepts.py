@@ -24,10 +24,11 @@ from gcl_core.errors import GclError
 from gcl_core.evaluation import metrics
 from gcl_core.evaluation.accept_tables import Row, by_distance, by_kind, markdown
 from gcl_core.evaluation.adversaries import Case, group
+from gcl_core.evaluation.encounters import few_turns
 from gcl_core.models import zoo
 from gcl_core.registrar import Registrar, RegistrarConfig
 
-ALL_TURNS_EVERY = 12  # groups: one at all headings, the others at one, which takes a third of it
+ALL_TURNS_EVERY = 12  # groups: one at all headings, the others at few
 PAIRS = 398  # of a group
 
 
@@ -55,7 +56,7 @@ def judge(registrar: Registrar, case: Case) -> Row:
 def measure(registrar: Registrar, folder: Path, numbers: Iterable[int], seconds: float) -> None:
     """Write a file for each group that has none yet; stop after so many seconds."""
     folder.mkdir(parents=True, exist_ok=True)
-    turns, began = registrar.config.turns, time.monotonic()
+    turns, few, began = registrar.config.turns, few_turns(registrar), time.monotonic()
     for number in numbers:
         path = folder / f'group_{number:04d}.json'
         if path.exists():
@@ -63,7 +64,7 @@ def measure(registrar: Registrar, folder: Path, numbers: Iterable[int], seconds:
         if time.monotonic() - began > seconds:
             return
         registrar.config = replace(
-            registrar.config, turns=turns if number % ALL_TURNS_EVERY == 0 else 1
+            registrar.config, turns=turns if number % ALL_TURNS_EVERY == 0 else few
         )
         cases = tqdm(group(registrar, number), desc=path.stem, unit='pair')
         rows = [asdict(judge(registrar, case)) for case in cases]
@@ -110,7 +111,10 @@ def run(o: argparse.Namespace) -> None:
         content = {
             'weights': json.loads(card.read_text())['sha256'] if card.is_file() else o.weights,
             'min_probability': config.min_probability,
-            'turns': {'most groups': 1, f'every {ALL_TURNS_EVERY}th': config.turns},
+            'turns': {
+                'most groups': few_turns(registrar),
+                f'every {ALL_TURNS_EVERY}th': config.turns,
+            },
             'machine': platform.processor() or platform.machine(),
             'threads': torch.get_num_threads(),
             'by_kind': by_kind(rows),
