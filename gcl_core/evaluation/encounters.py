@@ -12,6 +12,7 @@ from jaxtyping import Float
 from gcl_core import se3
 from gcl_core.data.sequence import Sequence
 from gcl_core.data.simulator.sequence import SimulatedSequence
+from gcl_core.evaluation.barren import BarrenSequence
 from gcl_core.evaluation.repeated import RepeatedSequence
 from gcl_core.evaluation.trials import Trial, blurred, run_trial, thinned
 from gcl_core.registrar import Registrar, View
@@ -24,6 +25,7 @@ TILT = np.deg2rad(1.0)  # roll and pitch of a vehicle, standard deviation
 FEWEST, MOST = 250, 5000  # key points that stand in for a scan
 THIN_SHARE = 0.5  # of the pairs, once more with key points on one side or both
 REPEATED_EVERY = 4  # every fourth world repeats one house
+TUNNEL_EVERY = 12  # of those, every third is a tunnel
 
 
 @dataclass(frozen=True)
@@ -45,6 +47,13 @@ def roughened(cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
     skew = rng.uniform(-MAX_SKEW, MAX_SKEW) * np.array([1.0, 0.0, 0.0])
     noise = rng.normal(size=points.shape) * rng.uniform(0, MAX_JITTER)
     return PointCloud((points + turn[:, None] * skew + noise).astype(np.float32))
+
+
+def tunnel_or_houses(seed: int) -> Sequence:
+    """A place that looks alike all along; the second half of its scans is out of sight."""
+    if seed % TUNNEL_EVERY == 0:
+        return BarrenSequence(seed, 'tunnel', span=260.0)
+    return RepeatedSequence(seed)
 
 
 def few_turns(registrar: Registrar) -> int:
@@ -98,7 +107,7 @@ def street(
     """Two targets near the middle of a world; sources 5 to 55 m away, and one out of sight."""
     yaw = float(rng.uniform(-np.pi, np.pi))
     if seed % REPEATED_EVERY == 0:
-        drive = RepeatedSequence(seed)
+        drive = tunnel_or_houses(seed)
         half = len(drive) // 2
         chosen = half // 2 + rng.integers(-8, 8, 2)
         offsets = rng.uniform(5, 55, 3) * rng.choice([-1, 1], 3)

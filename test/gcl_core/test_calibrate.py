@@ -14,7 +14,7 @@ from gcl_core.estimation.decision import Finalist, summary
 from gcl_core.estimation.evidence import SIGNS
 from gcl_core.estimation.refine import Refined
 from gcl_core.evaluation import calibrate
-from gcl_core.evaluation.encounters import roughened, thin
+from gcl_core.evaluation.encounters import roughened, street, thin
 from gcl_core.evaluation.reliability import fit_spread, joined, report, verdicts
 from gcl_core.evaluation.repeated import RepeatedSequence
 from gcl_core.evaluation.trials import (
@@ -157,6 +157,15 @@ def test_repeated_streets_repeat(drive):
     assert np.array_equal(world.scan(60).points, RepeatedSequence(4).scan(60).points)
     far = world.T_world_lidar(60)[:3, 3] - world.T_world_lidar(60 + len(world) // 2)[:3, 3]
     assert np.linalg.norm(far) == pytest.approx(60.0, abs=2.0)
+
+
+@pytest.mark.parametrize('seed', [12, 16])
+def test_places_that_look_alike_are_tried_within_sight_and_out_of_it(registrar, seed):
+    targets, sources, kind = street(registrar, seed, np.random.default_rng(seed))
+    assert kind == 'repeated'
+    away = [np.linalg.norm((s.T_world_lidar - targets[0].T_world_lidar)[:3, 3]) for s in sources]
+    assert max(away[:3]) < 75.0
+    assert away[3] > 45.0
 
 
 def test_roughening_keeps_the_scan(drive):
