@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 
 .PHONY: install browser demo test lint type bench bench-engine bench-registration bench-age bench-fuzz \
-	soak audit clean
+	bench-trust soak audit clean
 
 install: $(VENV)/installed
 
@@ -66,6 +66,10 @@ audit: install
 	test -d build/audit || $(BIN)/pip install -q --disable-pip-version-check \
 		--target build/audit pip-audit
 	PYTHONPATH=build/audit $(BIN)/python -m gcl_ros.audit
+
+# What is accepted that must not be, over 10,000 pairs; goes on where it was stopped.
+bench-trust: install
+	$(BIN)/python -m gcl_core.evaluation.false_accepts --pairs 10000 --out bench/trust.json
 
 clean:
 	rm -rf $(VENV) build install log *.egg-info

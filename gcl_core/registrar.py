@@ -15,11 +15,12 @@ from jaxtyping import Float
 
 from gcl_core import se3
 from gcl_core.errors import GclError
-from gcl_core.estimation.confidence import load_calibration
+from gcl_core.estimation.confidence import Calibration, load_calibration
 from gcl_core.estimation.decision import (
     Finalist,
     VerifyConfig,
     examine,
+    nothing_fits,
     refine_finalists,
     summary,
 )
@@ -95,6 +96,7 @@ class View:
         turns: T_turned_view of each heading; the identity alone where it is a target.
         surface: for checks.
         prepared: for refinement.
+        points: of the scan, or key points that stand in for them.
     """
 
     T_view_lidar: Float[np.ndarray, '4 4']
@@ -102,6 +104,7 @@ class View:
     turns: Float[torch.Tensor, 'turns 4 4']
     surface: Surface
     prepared: Prepared
+    points: int
 
 
 def calibration_file(weights: str) -> Path:
@@ -118,7 +121,7 @@ class Registrar:
         self.config = config or RegistrarConfig()
         self.model = zoo.load_weights(self.config.weights)
         self.model.dtype = zoo.dtype_named(self.config.precision)
-        self.calibration = load_calibration(calibration_file(self.config.weights))
+        self.calibrations = load_calibration(calibration_file(self.config.weights))
 
     @property
     def engine(self) -> str:
@@ -153,6 +156,7 @@ class Registrar:
             turns=torch.from_numpy(np.stack(matrices)),
             surface=surface(cloud),
             prepared=prepare(cloud, self.config.refine),
+            points=len(cloud),
         )
 
     def register(self, *, source: PointCloud, target: PointCloud) -> Registration:
@@ -186,13 +190,25 @@ class Registrar:
             return Registration(None, 0, offered, 'no consistent correspondences', watch.stop())
         with watch('verify'):
             scene = self.scene(source=source, target=target)
-            odds = self.calibration.rank.log_odds(examine(hypotheses, scene, self.config.verify))
+            examined = examine(hypotheses, scene, self.config.verify)
+        calibration = self.calibration(source=source, target=target)
+        if self.config.min_probability > 0 and nothing_fits(examined, calibration):
+            best = hypotheses[int(calibration.estimated.fit.log_odds(examined).argmax())]
+            reason = 'probability 0: no hypothesis fits what the scans saw'
+            T = best.T_target_source.numpy()
+            result = Registration(T, best.inliers, offered, reason, watch.stop())
+            return between_lidars(result, source=source, target=target)
         with watch('refine'):
+            odds = calibration.estimated.choice.log_odds(examined)
             finalists = self.finalists(hypotheses, odds, scene, source=source, target=target)
-        winner, columns = summary(finalists, self.calibration)
-        probability = float(self.calibration.trust.log_odds(columns).sigmoid())
-        result = self._verdict(winner, probability, offered, watch)
+        winner, columns = summary(finalists, examined, calibration)
+        probability = float(calibration.trust.probability(columns))
+        result = self._verdict(winner, probability, calibration, offered, watch)
         return between_lidars(result, source=source, target=target)
+
+    def calibration(self, *, source: View, target: View) -> Calibration:
+        """Fitted numbers for a pair: key points show less than a scan."""
+        return self.calibrations.of(min(source.points, target.points))
 
     def search(
         self, *, source: View, target: View, watch: Stopwatch
@@ -247,7 +263,12 @@ class Registrar:
         )
 
     def _verdict(
-        self, winner: Finalist, probability: float, offered: int, watch: Stopwatch
+        self,
+        winner: Finalist,
+        probability: float,
+        calibration: Calibration,
+        offered: int,
+        watch: Stopwatch,
     ) -> Registration:
         """Accept or withhold the winner."""
         reason = ''
@@ -255,7 +276,6 @@ class Registrar:
             reason = 'refinement left the place that the correspondences support'
         elif not probability >= self.config.min_probability:  # nor is nan enough
             reason = f'probability {probability:.3f}, {self.config.min_probability:g} needed'
-        spread = self.calibration.spread
         return Registration(
             T_target_source=winner.refined.T_target_source,
             inliers=winner.inliers,
@@ -266,7 +286,9 @@ class Registrar:
             probability=probability,
             covariance=None
             if winner.refined.walked
-            else spread.covariance(winner.refined.information),
+            else calibration.spread.covariance(
+                winner.refined.information, winner.refined.residual
+            ),
         )
 
 

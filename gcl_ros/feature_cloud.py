@@ -26,9 +26,8 @@ import torch
 
 from gcl_core import se3
 from gcl_core.errors import GclError
-from gcl_core.matching.keypoints import spread
+from gcl_core.matching.keypoints import selected
 from gcl_core.models.backbone import Backbone
-from gcl_core.ops.ground import height_above_ground
 from gcl_core.types import Features, PointCloud
 from gcl_ros.conversions import check_size, column
 
@@ -36,7 +35,6 @@ VERSION = 2
 UNIT = 256  # of a metre; int16 reaches 128 m
 SCALE = 127  # of a descriptor
 HALF_TURN = 32768
-RAISED, RAISED_SHARE = 0.5, 0.8  # metres above the ground; of the key points kept
 _INT8, _INT16 = 1, 3  # sensor_msgs/PointField datatypes
 SHORT = ('x', 'y', 'z', 'turn')
 _NAME = re.compile(r'gcl(\d+)_(\w+)')
@@ -54,26 +52,6 @@ def weights_hash(model: Backbone[Any, Any]) -> str:
 def is_feature_cloud(message: Any) -> bool:
     """Whether a PointCloud2 carries features, of whatever version."""
     return any(_NAME.fullmatch(field.name) for field in message.fields)
-
-
-def selected(features: Features, limit: int) -> Features:
-    """Keep at most `limit` key points, evenly in space, most of them above the ground.
-
-    In a trial on simulated pairs more were accepted so than without the preference, or without
-    any ground; `python -m gcl_ros.bench_keypoints` measures recall on a bag.
-    """
-    if len(features) <= limit:
-        return features
-    height = height_above_ground(features.points, torch.zeros(len(features), dtype=torch.long))
-    high, low = (torch.nonzero(which).squeeze(1) for which in (height > RAISED, height <= RAISED))
-    count = min(len(high), max(round(RAISED_SHARE * limit), limit - len(low)))
-    rows = torch.cat(
-        [
-            high[spread(features.points[high], count, seed=0)],
-            low[spread(features.points[low], limit - count, seed=0)],
-        ]
-    )
-    return Features(features.points[rows], features.descriptors[rows])
 
 
 @dataclass(frozen=True)

@@ -121,6 +121,7 @@ class Views:
             turns=torch.from_numpy(np.stack([se3.from_xyz_rpy(yaw=offered[r]) for r in rows])),
             surface=surface(cloud),
             prepared=prepare(cloud, config.refine),
+            points=len(cloud),
         )
 
     def close(self) -> None:

@@ -73,7 +73,8 @@ def stages(
     matches = match(**few, config=config.match)
     hypotheses, _ = registrar.search(**views, watch=Stopwatch())
     scene = registrar.scene(**views)
-    odds = registrar.calibration.rank.log_odds(examine(hypotheses, scene, config.verify))
+    examined = examine(hypotheses, scene, config.verify)
+    odds = registrar.calibration(**views).estimated.choice.log_odds(examined)
     work: dict[str, Callable[[], Any]] = {
         'describe': lambda: registrar.model.describe([source]),
         'surface': lambda: surface(source),

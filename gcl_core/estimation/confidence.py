@@ -1,7 +1,7 @@
 """How far a registration can be trusted: probability of being right, covariance.
 
 The numbers come from simulated pairs (`python -m gcl_core.evaluation.calibrate`) and lie in a
-JSON file beside the weights that they were found with.
+JSON file beside the weights that they were found with. `fit_judges.py` finds them.
 """
 
 from __future__ import annotations
@@ -21,7 +21,9 @@ from gcl_core.estimation.evidence import COLUMNS
 from gcl_core.files import write_text
 
 REMEDY = 'write it with `python -m gcl_core.evaluation.calibrate`'
-TRUST_COLUMNS = 3  # see `Calibration.trust`
+TRUST_COLUMNS = 3  # see `decision.summary`
+LEAST_RESIDUAL = 0.02  # the residual of a noise-free sensor is not less
+THIN = 6000  # points; a feature cloud has at most 5,000, a sweep of 16 beams five times as many
 
 
 @dataclass(frozen=True)
@@ -45,47 +47,117 @@ class Judge:
 class Spread:
     """What turns GICP's information matrix into a covariance.
 
-    GICP counts each point as independent evidence; neighbouring points are not, and both scans
-    bend a little. Hence a factor on its inverse, and a floor.
+    GICP counts each point as independent evidence; neighbouring points are not, and a sweep that
+    was bent by motion is bent along the ground. Hence a factor on its inverse, a floor, less of
+    both upright (z, roll, pitch), and more of all where the aligned surfaces do not agree.
 
     Attributes:
         factor: on the inverse of the information matrix.
-        floor: standard deviation of each translation, metres.
-        floor_deg: standard deviation of each rotation, degrees.
+        floor: standard deviation of x and y, metres.
+        floor_deg: standard deviation of the rotation about z, degrees.
+        upright: share of standard deviations that z, roll and pitch have.
+        power: of GICP's residual, by which all variances are multiplied.
     """
 
     factor: float
     floor: float
     floor_deg: float
+    upright: float
+    power: float
 
-    def covariance(self, information: Float[np.ndarray, '6 6']) -> Float[np.ndarray, '6 6']:
-        """Covariance in the order and frame of the information matrix; positive definite."""
-        values, vectors = np.linalg.eigh(0.5 * (information + information.T))
-        inverse = (vectors / np.maximum(values, 1e-3)) @ vectors.T
-        floors = [self.floor**2] * 3 + [np.deg2rad(self.floor_deg) ** 2] * 3
-        covariance = self.factor * inverse + np.diag(floors)
-        return 0.5 * (covariance + covariance.T)
+    def covariance(
+        self, information: Float[np.ndarray, '*n 6 6'], residual: Float[np.ndarray, '*n'] | float
+    ) -> Float[np.ndarray, '*n 6 6']:
+        """Covariance in the order and frame of the information matrix; positive definite.
+
+        Args:
+            information: x y z rot_x rot_y rot_z.
+            residual: mean squared, in units of the points' covariances.
+        """
+        values, vectors = np.linalg.eigh(0.5 * (information + information.swapaxes(-1, -2)))
+        inverse = (vectors / np.maximum(values, 1e-3)[..., None, :]) @ vectors.swapaxes(-1, -2)
+        flat = np.array([1, 1, self.upright, self.upright, self.upright, 1])
+        floors = flat * np.array([self.floor] * 3 + [np.deg2rad(self.floor_deg)] * 3)
+        inflation = np.maximum(residual, LEAST_RESIDUAL) ** self.power
+        covariance = self.factor * flat[:, None] * inverse * flat + np.diag(floors**2)
+        covariance = np.asarray(inflation)[..., None, None] * covariance
+        return np.asarray(0.5 * (covariance + covariance.swapaxes(-1, -2)))
+
+
+@dataclass(frozen=True)
+class Stage:
+    """Judges of hypotheses by `evidence.COLUMNS`.
+
+    What tells a wrong place from the right one of the same pair is not what tells pairs apart:
+    among repeated facades a parked car in space seen through decides, between streets surfaces do.
+
+    Attributes:
+        fit: whether a hypothesis is right, looked at alone.
+        choice: which hypothesis of a pair is right if one is; only differences count.
+    """
+
+    fit: Judge
+    choice: Judge
+
+
+@dataclass(frozen=True)
+class Trust:
+    """Probability that a winner is right: that it fits, and that no other place is meant.
+
+    Neither makes up for the other: among repeated facades every wrong place fits.
+
+    Attributes:
+        fits: judges by the first column of `decision.summary`.
+        only: judges by the others, the leads.
+    """
+
+    fits: Judge
+    only: Judge
+
+    def probability(self, columns: Float[torch.Tensor, 'n 3']) -> Float[torch.Tensor, ' n']:
+        """Product of both."""
+        fits, only = self.fits.log_odds(columns[:, :1]), self.only.log_odds(columns[:, 1:])
+        return fits.sigmoid() * only.sigmoid()
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """All fitted numbers.
+    """Fitted numbers for scans of one kind.
 
     Attributes:
-        rank: judges hypotheses as estimated, by `evidence.COLUMNS`.
-        fine: judges them as refined, by the same columns.
-        trust: judges the winner by its log odds, its lead over the best other place in log odds,
-            and its lead in supporting correspondences (log), each through tanh.
+        estimated: judges hypotheses as estimated.
+        refined: judges them as refined.
+        gate: log odds of `estimated.fit` below which nothing is refined: no right one was lower.
+        trust: judges the winner by its log odds, its lead over the other finalist, and its lead
+            over every other place as estimated, each through tanh.
         spread: of the transform.
     """
 
-    rank: Judge
-    fine: Judge
-    trust: Judge
+    estimated: Stage
+    refined: Stage
+    gate: float
+    trust: Trust
     spread: Spread
 
 
-def load_calibration(path: Path) -> Calibration:
+@dataclass(frozen=True)
+class Calibrations:
+    """What comes with weights.
+
+    Attributes:
+        whole: for two scans.
+        thin: where key points stand in for a scan.
+    """
+
+    whole: Calibration
+    thin: Calibration
+
+    def of(self, points: int) -> Calibration:
+        """The one for pairs whose thinner side has so many points."""
+        return self.thin if points < THIN else self.whole
+
+
+def load_calibration(path: Path) -> Calibrations:
     """Read what the calibration command wrote.
 
     Raises:
@@ -94,80 +166,38 @@ def load_calibration(path: Path) -> Calibration:
     content = read_json(path, REMEDY)
     if isinstance(content, dict):
         content.pop('record', None)
-    calibration = from_mapping(Calibration, content, str(path))
-    judges = {'rank': len(COLUMNS), 'fine': len(COLUMNS), 'trust': TRUST_COLUMNS}
-    for name, columns in judges.items():
-        judge: Judge = getattr(calibration, name)
+    calibrations = from_mapping(Calibrations, content, str(path))
+    for kind in ('whole', 'thin'):
+        _check(getattr(calibrations, kind), f'{path}: {kind}')
+    return calibrations
+
+
+def _check(calibration: Calibration, where: str) -> None:
+    """Refuse judges of other evidence than this version's, and numbers that are none.
+
+    Raises:
+        GclError: names the judge.
+    """
+    stages = {'estimated': calibration.estimated, 'refined': calibration.refined}
+    judges = {
+        f'{name}.{part}': (getattr(stage, part), len(COLUMNS))
+        for name, stage in stages.items()
+        for part in ('fit', 'choice')
+    }
+    judges['trust.fits'] = calibration.trust.fits, 1
+    judges['trust.only'] = calibration.trust.only, TRUST_COLUMNS - 1
+    for name, (judge, columns) in judges.items():
         if len(judge.weight) != columns:
             raise GclError(
-                f'{path}: {name} weighs {len(judge.weight)} columns of evidence, this version has '
-                f'{columns}; {REMEDY}'
+                f'{where}: {name} weighs {len(judge.weight)} columns of evidence, this version '
+                f'has {columns}; {REMEDY}'
             )
         if not np.isfinite([*judge.weight, judge.bias]).all():
-            raise GclError(f'{path}: a number of {name} is not finite; {REMEDY}')
-    if not np.isfinite([*astuple(calibration.spread)]).all():
-        raise GclError(f'{path}: a number of spread is not finite; {REMEDY}')
-    return calibration
+            raise GclError(f'{where}: a number of {name} is not finite; {REMEDY}')
+    if not np.isfinite([calibration.gate, *astuple(calibration.spread)]).all():
+        raise GclError(f'{where}: gate or a number of spread is not finite; {REMEDY}')
 
 
-def save_calibration(path: Path, calibration: Calibration, record: dict[str, Any]) -> None:
+def save_calibration(path: Path, fitted: Calibrations, record: dict[str, Any]) -> None:
     """Write fitted numbers and where they come from."""
-    write_text(path, json.dumps({**asdict(calibration), 'record': record}, indent=1) + '\n')
-
-
-def fit_judge(
-    columns: Float[torch.Tensor, 'n c'],
-    right: Float[torch.Tensor, ' n'],
-    *,
-    signs: tuple[int, ...],
-    weight: Float[torch.Tensor, ' n'] | None = None,
-    ridge: float = 1e-3,
-) -> Judge:
-    """Fit a logistic regression whose weights keep the given signs.
-
-    A column that would get the other sign is left out: on data unlike those of the fit, such a
-    weight would count evidence for a transform against it.
-
-    Args:
-        columns: one row for each hypothesis.
-        right: 1 where it is right.
-        signs: 1 or -1 for each column, as it speaks for or against.
-        weight: of each row; 1 by default.
-        ridge: penalty on the weights of the standardised columns.
-    """
-    x = columns.double()
-    mean, scale = x.mean(0), x.std(0).clamp(min=1e-9)
-    x = torch.cat([(x - mean) / scale, torch.ones(len(x), 1, dtype=torch.float64)], 1)
-    w = torch.ones(len(x), dtype=torch.float64) if weight is None else weight.double()
-    used = torch.ones(x.shape[1], dtype=torch.bool)
-    while True:
-        b = torch.zeros(x.shape[1], dtype=torch.float64)
-        b[used] = _newton(x[:, used], right.double(), w / w.sum(), ridge)
-        contrary = torch.tensor([*(b[:-1] * torch.tensor(signs) < 0).tolist(), False])
-        if not bool(contrary.any()):
-            break
-        used &= ~contrary
-    weights = b[:-1] / scale
-    return Judge(tuple(weights.tolist()), float(b[-1] - (weights * mean).sum()))
-
-
-def _newton(
-    x: Float[torch.Tensor, 'n c'],
-    right: Float[torch.Tensor, ' n'],
-    weight: Float[torch.Tensor, ' n'],
-    ridge: float,
-) -> Float[torch.Tensor, ' c']:
-    """Most likely weights of a logistic regression; the last column is the constant."""
-    penalty = torch.full((x.shape[1],), ridge, dtype=torch.float64)
-    penalty[-1] = 1e-9
-    b = torch.zeros(x.shape[1], dtype=torch.float64)
-    for _ in range(200):
-        p = torch.sigmoid(x @ b)
-        gradient = x.t() @ (weight * (p - right)) + penalty * b
-        curvature = x.t() @ ((weight * p * (1 - p)).unsqueeze(1) * x) + torch.diag(penalty)
-        step = torch.linalg.solve(curvature + 1e-9 * torch.eye(len(b)), gradient)
-        step = step * min(1.0, 2.0 / max(float(step.norm()), 1e-12))  # no overshooting far out
-        b = b - step
-        if float(step.norm()) < 1e-9:
-            break
-    return b
+    write_text(path, json.dumps({**asdict(fitted), 'record': record}, indent=1) + '\n')

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from gcl_core.errors import GclError
 from gcl_core.estimation.confidence import Calibration
@@ -52,13 +52,15 @@ class Finalist:
         refined: its transform.
         columns: evidence as refined.
         inliers: correspondences that agreed before refinement.
-        lead: log ratio of the inliers to those of the best hypothesis of another place.
+        row: the hypothesis that was refined.
+        rivals: which hypotheses are of another place than the refined one.
     """
 
     refined: Refined
-    columns: Float[torch.Tensor, ' 8']
+    columns: Float[torch.Tensor, ' 9']
     inliers: int
-    lead: float
+    row: int
+    rivals: Bool[torch.Tensor, ' h']
 
 
 def stacked(hypotheses: list[Hypothesis]) -> Float[torch.Tensor, 'h 4 4']:
@@ -68,7 +70,7 @@ def stacked(hypotheses: list[Hypothesis]) -> Float[torch.Tensor, 'h 4 4']:
 
 def examine(
     hypotheses: list[Hypothesis], scene: Scene, config: VerifyConfig
-) -> Float[torch.Tensor, 'h 8']:
+) -> Float[torch.Tensor, 'h 9']:
     """Evidence on hypotheses as they were estimated."""
     support = torch.tensor([h.inliers for h in hypotheses])
     return evidence(stacked(hypotheses), support, scene, tolerance=config.tolerance)
@@ -107,30 +109,37 @@ def refine_finalists(
     finalists, apart = [], distinct(after, after)
     for i, r in enumerate(refined):
         if bool(apart[i, :i].all()):
-            lead = _lead(after[i], chosen[i].inliers, hypotheses)
-            finalists.append(Finalist(r, columns[i], chosen[i].inliers, lead))
+            rivals = distinct(stacked(hypotheses), after[i : i + 1])[:, 0]
+            finalists.append(Finalist(r, columns[i], chosen[i].inliers, int(rows[i]), rivals))
     return finalists
 
 
-def _lead(T: Float[torch.Tensor, '4 4'], inliers: int, hypotheses: list[Hypothesis]) -> float:
-    away = distinct(stacked(hypotheses), T[None])[:, 0].tolist()
-    rival = max((h.inliers for h, other in zip(hypotheses, away) if other), default=0)
-    return math.log1p(inliers) - math.log1p(rival)
+def nothing_fits(examined: Float[torch.Tensor, 'h 9'], calibration: Calibration) -> bool:
+    """Whether no hypothesis looks right enough to be worth refining."""
+    return float(calibration.estimated.fit.log_odds(examined).max()) < calibration.gate
 
 
 def summary(
-    finalists: list[Finalist], calibration: Calibration
+    finalists: list[Finalist], examined: Float[torch.Tensor, 'h 9'], calibration: Calibration
 ) -> tuple[Finalist, Float[torch.Tensor, '1 3']]:
     """The winner, and what `Calibration.trust` judges it by.
 
     Args:
         finalists: at least one.
+        examined: evidence on all hypotheses as estimated.
         calibration: fitted numbers.
     """
-    odds = calibration.fine.log_odds(torch.stack([f.columns for f in finalists]))
-    first = int(odds.argmax())
-    others = torch.cat([odds[:first], odds[first + 1 :]])
-    lead = float(odds[first] - others.max()) if len(others) else NO_RIVAL
+    columns = torch.stack([f.columns for f in finalists])
+    choice = calibration.refined.choice.log_odds(columns)
+    first = int(choice.argmax())
     winner = finalists[first]
-    columns = [math.tanh(float(odds[first]) / SATURATION), math.tanh(lead / SATURATION)]
-    return winner, torch.tensor([[*columns, math.tanh(winner.lead)]])
+    others = torch.cat([choice[:first], choice[first + 1 :]])
+    before = calibration.estimated.choice.log_odds(examined)
+    numbers = [
+        float(calibration.refined.fit.log_odds(columns[first : first + 1])),
+        float(choice[first] - others.max()) if len(others) else NO_RIVAL,
+        float(before[winner.row] - before[winner.rivals].max())
+        if bool(winner.rivals.any())
+        else NO_RIVAL,
+    ]
+    return winner, torch.tensor([[math.tanh(number / SATURATION) for number in numbers]])

@@ -21,8 +21,10 @@ SIGNS = {  # whether more of it speaks for a hypothesis or against
     'likeness': 1,
     'log_met': 1,
     'log_support': 1,
+    'log_conflict': -1,
 }
 COLUMNS = tuple(SIGNS)
+NO_CONFLICT = 0.01  # share of conflict below which less says little more: noise, traffic
 
 
 @dataclass(frozen=True)
@@ -51,7 +53,7 @@ def evidence(
     scene: Scene,
     *,
     tolerance: float,
-) -> Float[torch.Tensor, 'h 8']:
+) -> Float[torch.Tensor, 'h 9']:
     """Weigh nothing yet: one row of `COLUMNS` for each hypothesis.
 
     Args:
@@ -82,6 +84,7 @@ def evidence(
             alike,
             met.log1p(),
             support.float().log1p(),
+            (fit.conflict + NO_CONFLICT).log(),
         ],
         1,
     )

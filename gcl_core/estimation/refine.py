@@ -59,11 +59,14 @@ class Refined:
         information: of translation and rotation (x y z rot_x rot_y rot_z, about the target's
             axes, at the transform's own origin), from GICP's last step; not scaled to metres.
         walked: whether GICP left the neighbourhood of the start.
+        residual: mean squared residual of the last step's correspondences, in units of the
+            points' covariances.
     """
 
     T_target_source: Float[np.ndarray, '4 4']
     information: Float[np.ndarray, '6 6']
     walked: bool
+    residual: float = 0.0
 
 
 Prepared = list[Float32[np.ndarray, 'n 3']]  # a scan's points, thinned for each step
@@ -148,7 +151,8 @@ def _align(
     T, information = np.asarray(result.T_target_source), np.asarray(result.H)
     if walked(start, T, config) or not np.isfinite(information).all():
         return Refined(start, np.eye(6), walked=True)
-    return Refined(T, _in_target_frame(information, T), walked=False)
+    residual = float(result.error) / max(1, int(result.num_inliers))
+    return Refined(T, _in_target_frame(information, T), False, residual)
 
 
 def walked(

@@ -18,14 +18,18 @@ import torch
 from tqdm import tqdm
 
 from gcl_core.errors import GclError
-from gcl_core.estimation.confidence import Calibration, fit_judge, save_calibration
+from gcl_core.estimation.confidence import THIN, Calibration, Calibrations, Stage, save_calibration
 from gcl_core.estimation.evidence import SIGNS
-from gcl_core.evaluation.encounters import Seen, encounters
-from gcl_core.evaluation.reliability import fit_spread, report, verdicts
-from gcl_core.evaluation.trials import Trial, load_trials, save_trials
+from gcl_core.estimation.fit_judges import fit_choice, fit_judge, fit_trust
+from gcl_core.evaluation.encounters import Seen, encounters, few_turns
+from gcl_core.evaluation.reliability import Verdicts, fit_spread, joined, report, verdicts
+from gcl_core.evaluation.trials import GATE_MARGIN, Trial, load_trials, save_trials
 from gcl_core.registrar import Registrar, RegistrarConfig, calibration_file
 
 REPEATED_WEIGHT = 1 / 3  # every fourth world repeats one house; fewer streets do
+ALL_TURNS_EVERY = 5  # worlds: one at all headings, the others at few
+FOLDS = 3  # of the worlds, each judged by what was fitted on the others
+NO_GATE = -1e3  # log odds that nothing falls below
 FIRST_WORLD = 700_000_000  # training takes worlds from its seed x 1,000,000 on
 
 
@@ -37,44 +41,86 @@ def collect(
 
     folder.mkdir(parents=True, exist_ok=True)
     others: list[Seen] = []
-    began = time.monotonic()
+    began, turns, few = time.monotonic(), registrar.config.turns, few_turns(registrar)
     for number in tqdm(range(first, last), unit='world'):
         path = folder / f'world_{number:05d}.safetensors'
         if path.exists():
             continue
         if time.monotonic() - began > limit:
             break
+        all_turns = number % ALL_TURNS_EVERY == 1
+        registrar.config = replace(registrar.config, turns=turns if all_turns else few)
         trials = list(encounters(registrar, FIRST_WORLD + number, others))
         save_trials(path, trials)
         del others[:-6]
 
 
 def fit(trials: list[Trial], start: Calibration) -> Calibration:
-    """Fit all numbers, from the ranking of hypotheses to the covariance."""
+    """Fit all numbers, from the choice of hypotheses to the covariance."""
     signs = tuple(SIGNS.values())
-    # Repeats look right one by one; it is the lead over the next that tells them apart.
+    # Repeats look right one by one; it is the choice among them that tells them apart.
     single = [t for t in trials if t.kind != 'repeated']
-    rank = fit_judge(
-        torch.cat([t.columns for t in single]),
-        torch.cat([t.right for t in single]).float(),
-        signs=signs,
-        weight=torch.cat([torch.full((len(t.right),), 1 / len(t.right)) for t in single]),
+    estimated = Stage(
+        fit=fit_judge(
+            torch.cat([t.columns for t in single]),
+            torch.cat([t.right for t in single]).float(),
+            signs=signs,
+            weight=torch.cat([torch.full((len(t.right),), 1 / len(t.right)) for t in single]),
+        ),
+        choice=fit_choice(
+            [(t.columns, t.right) for t in trials], signs=signs, weight=shares(trials)
+        ),
     )
-    fine = fit_judge(
-        torch.stack([f.columns for t in single for f in t.finalists]),
-        torch.cat([t.strict for t in single]).float(),
-        signs=signs,
+    finals = [(t, torch.stack([f.columns for f in t.finalists])) for t in trials if t.finalists]
+    alone = [(t, columns) for t, columns in finals if t.kind != 'repeated']
+    refined = Stage(
+        fit=fit_judge(
+            torch.cat([columns for _, columns in alone]),
+            torch.cat([t.strict for t, _ in alone]).float(),
+            signs=signs,
+        ),
+        choice=fit_choice(
+            [(columns, t.strict) for t, columns in finals],
+            signs=signs,
+            weight=shares([t for t, _ in finals]),
+        ),
     )
-    calibration = replace(start, rank=rank, fine=fine)
+    calibration = replace(start, estimated=estimated, refined=refined, gate=NO_GATE)
     outcome = verdicts(trials, calibration)
-    common = torch.tensor([REPEATED_WEIGHT if t.kind == 'repeated' else 1.0 for t in trials])
-    trust = fit_judge(outcome.columns, outcome.right.float(), signs=(1, 1, 1), weight=common)
+    judged = torch.tensor([w is not None for w in outcome.winners])
+    trust = fit_trust(outcome.columns[judged], outcome.right[judged])
     calibration = replace(calibration, trust=trust)
+    calibration = replace(calibration, gate=lowest_right(trials, calibration) - GATE_MARGIN)
     return replace(calibration, spread=fit_spread(trials, calibration))
 
 
+def shares(trials: list[Trial]) -> list[float]:
+    """Weight of each trial where streets of one house must not count more than they come."""
+    return [REPEATED_WEIGHT if t.kind == 'repeated' else 1.0 for t in trials]
+
+
+def lowest_right(trials: list[Trial], calibration: Calibration) -> float:
+    """Least log odds, as estimated, at which a right transform came out likely."""
+    outcome = verdicts(trials, calibration)
+    likely = (outcome.right & (outcome.probability > 0.5)).tolist()
+    odds = [float(calibration.estimated.fit.log_odds(t.columns).max()) for t in trials]
+    return min((o for o, kept in zip(odds, likely) if kept), default=NO_GATE)
+
+
+def fit_both(trials: list[Trial], start: Calibrations) -> Calibrations:
+    """Fit the judges of whole scans and of key points, each on its own trials."""
+    whole, thin = by_thickness(trials)
+    return Calibrations(fit(whole, start.whole), fit(thin, start.thin))
+
+
+def by_thickness(trials: list[Trial]) -> tuple[list[Trial], list[Trial]]:
+    """Trials of whole scans, and those with key points on a side."""
+    thin = [t for t in trials if t.points < THIN]
+    return [t for t in trials if t.points >= THIN], thin
+
+
 def main() -> None:
-    """Collect, fit on two thirds of the worlds, report on the others, fit on all, write."""
+    """Collect, report what holds on worlds that were not fitted, fit on all, write."""
     parser = argparse.ArgumentParser(prog='calibrate', description=__doc__)
     parser.add_argument('--weights', default=RegistrarConfig().weights, help='name or file')
     parser.add_argument('--trials', type=Path, required=True, help='folder for trials')
@@ -98,18 +144,39 @@ def run(o: Any) -> None:
     if o.collect_only:
         return
     files = sorted(o.trials.glob('world_*.safetensors'))
+    if len(files) < FOLDS:
+        raise GclError(f'{len(files)} worlds of trials in {o.trials}; {FOLDS} are the fewest')
     worlds = [load_trials(path) for path in files]
-    held_out = [t for i, world in enumerate(worlds) if i % 3 == 2 for t in world]
-    fitted = [t for i, world in enumerate(worlds) if i % 3 != 2 for t in world]
-    if not held_out:
-        raise GclError(f'{len(files)} worlds of trials in {o.trials}; at least 3 are needed')
-    figures = report(held_out, fit(fitted, registrar.calibration))
+    figures = cross_validated(worlds, registrar.calibrations)
     print(figures)
     everything = [t for world in worlds for t in world]
-    record = {'worlds': len(worlds), 'trials': len(everything), 'held_out': figures.splitlines()}
+    record = {
+        'worlds': len(worlds),
+        'trials': len(everything),
+        'cross_validated': figures.splitlines(),
+    }
     out = o.out or calibration_file(o.weights)
-    save_calibration(out, fit(everything, registrar.calibration), record)
+    save_calibration(out, fit_both(everything, registrar.calibrations), record)
     print(f'wrote {out}')
+
+
+def cross_validated(worlds: list[list[Trial]], start: Calibrations) -> str:
+    """Judge the trials of each world by what was fitted on other worlds, and report."""
+    seen: list[list[Trial]] = [[], []]
+    outcomes: list[list[Verdicts]] = [[], []]
+    for fold in range(FOLDS):
+        fitted = fit_both([t for i, w in enumerate(worlds) if i % FOLDS != fold for t in w], start)
+        own = [t for i, w in enumerate(worlds) if i % FOLDS == fold for t in w]
+        parts = zip(by_thickness(own), (fitted.whole, fitted.thin), strict=True)
+        for k, (trials, calibration) in enumerate(parts):
+            if trials:
+                seen[k] += trials
+                outcomes[k].append(verdicts(trials, calibration))
+    return '\n'.join(
+        f'{name}: {report(trials, joined(outcome))}'
+        for name, trials, outcome in zip(('whole scans', 'key points'), seen, outcomes)
+        if trials
+    )
 
 
 if __name__ == '__main__':

@@ -12,8 +12,9 @@ from jaxtyping import Float
 from gcl_core import se3
 from gcl_core.data.sequence import Sequence
 from gcl_core.data.simulator.sequence import SimulatedSequence
+from gcl_core.evaluation.barren import BarrenSequence
 from gcl_core.evaluation.repeated import RepeatedSequence
-from gcl_core.evaluation.trials import Trial, blurred, run_trial
+from gcl_core.evaluation.trials import Trial, blurred, run_trial, thinned
 from gcl_core.registrar import Registrar, View
 from gcl_core.types import PointCloud
 
@@ -21,7 +22,10 @@ MAX_BLUR = 0.4  # noise on descriptors: few inliers, as on real scans beyond 30 
 MAX_SKEW = 0.5  # metres that a sweep is drawn out by uncompensated motion
 MAX_JITTER = 0.04  # metres
 TILT = np.deg2rad(1.0)  # roll and pitch of a vehicle, standard deviation
+FEWEST, MOST = 250, 5000  # key points that stand in for a scan
+THIN_SHARE = 0.5  # of the pairs, once more with key points on one side or both
 REPEATED_EVERY = 4  # every fourth world repeats one house
+TUNNEL_EVERY = 12  # of those, every third is a tunnel
 
 
 @dataclass(frozen=True)
@@ -45,16 +49,55 @@ def roughened(cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
     return PointCloud((points + turn[:, None] * skew + noise).astype(np.float32))
 
 
+def tunnel_or_houses(seed: int) -> Sequence:
+    """A place that looks alike all along; the second half of its scans is out of sight."""
+    if seed % TUNNEL_EVERY == 0:
+        return BarrenSequence(seed, 'tunnel', span=260.0)
+    return RepeatedSequence(seed)
+
+
+def few_turns(registrar: Registrar) -> int:
+    """Headings that are enough for scans whose headings differ as `see` makes them.
+
+    A network that turns scans to their street sees it along or across, one way or the other.
+    """
+    return registrar.config.looks[0] if registrar.model.config.align else 1
+
+
 def see(
-    registrar: Registrar, drive: Sequence, index: int, turns: int, rng: np.random.Generator
+    registrar: Registrar,
+    drive: Sequence,
+    index: int,
+    rng: np.random.Generator,
+    *,
+    turns: int = 1,
+    yaw: float = 0.0,
+    change: Float[np.ndarray, '3 3'] | None = None,
 ) -> Seen:
-    """Take a scan of a drive, its vehicle turned and tilted at random."""
+    """Take a scan of a drive, its vehicle tilted and turned at random.
+
+    Args:
+        registrar: describes it.
+        drive: source of the scan.
+        index: of the scan.
+        rng: of tilt, turn and noise.
+        turns: headings that it is described at.
+        yaw: of the turned vehicle in the world, radians, but for what two scans may differ by.
+        change: what a stranger does to the points in the end, such as to mirror them; the pose
+            follows if it is a rotation.
+    """
+    off = np.deg2rad(registrar.model.config.max_yaw_deg) / 2
+    ahead = yaw + rng.uniform(-off, off) + 2 * np.pi * rng.integers(turns) / turns
     turn = se3.from_xyz_rpy(
-        roll=rng.normal() * TILT, pitch=rng.normal() * TILT, yaw=rng.uniform(-np.pi, np.pi)
+        roll=rng.normal() * TILT,
+        pitch=rng.normal() * TILT,
+        yaw=se3.yaw(drive.T_world_lidar(index)) - ahead,
     )
     cloud = roughened(drive.scan(index), rng)
-    moved = PointCloud(se3.transform(turn, cloud.points))
-    T_world_lidar = drive.T_world_lidar(index) @ se3.inverse(turn)
+    if change is not None:
+        turn[:3] = change @ turn[:3]
+    moved = PointCloud((cloud.points @ turn[:3, :3].T + turn[:3, 3]).astype(np.float32))
+    T_world_lidar = drive.T_world_lidar(index) @ np.linalg.inv(turn)
     return Seen(registrar.view(moved, turns=turns), T_world_lidar)
 
 
@@ -62,25 +105,28 @@ def street(
     registrar: Registrar, seed: int, rng: np.random.Generator
 ) -> tuple[list[Seen], list[Seen], str]:
     """Two targets near the middle of a world; sources 5 to 55 m away, and one out of sight."""
+    yaw = float(rng.uniform(-np.pi, np.pi))
     if seed % REPEATED_EVERY == 0:
-        drive = RepeatedSequence(seed)
+        drive = tunnel_or_houses(seed)
         half = len(drive) // 2
         chosen = half // 2 + rng.integers(-8, 8, 2)
         offsets = rng.uniform(5, 55, 3) * rng.choice([-1, 1], 3)
         where = np.concatenate([half // 2 + offsets, [half + rng.integers(10, half - 10)]])
         drives, indices = [drive] * 4, np.clip(where, 0, 2 * half - 1).astype(int).tolist()
-        targets = [see(registrar, drive, int(i), 1, rng) for i in chosen]
+        targets = [see(registrar, drive, int(i), rng, yaw=yaw) for i in chosen]
         kind = 'repeated'
     else:
         both = [SimulatedSequence(seed, oncoming=oncoming) for oncoming in (False, True)]
         middle = len(both[0]) // 2
-        targets = [see(registrar, d, int(middle + rng.integers(-8, 8)), 1, rng) for d in both]
+        targets = [
+            see(registrar, d, int(middle + rng.integers(-8, 8)), rng, yaw=yaw) for d in both
+        ]
         offsets = rng.uniform(5, 55, 3) * rng.choice([-1, 1], 3)
         drives = [both[int(rng.integers(2))] for _ in range(4)]
         indices = [*(middle + offsets).astype(int).tolist(), int(rng.choice([2, 2 * middle - 2]))]
         kind = 'street'
     turns = registrar.config.turns
-    sources = [see(registrar, d, i, turns, rng) for d, i in zip(drives, indices)]
+    sources = [see(registrar, d, i, rng, turns=turns, yaw=yaw) for d, i in zip(drives, indices)]
     return targets, sources, kind
 
 
@@ -101,13 +147,30 @@ def encounters(registrar: Registrar, seed: int, others: list[Seen]) -> Iterator[
             stranger = number >= len(targets)
             T_true = se3.inverse(target.T_world_lidar) @ source.T_world_lidar
             sigma = float(rng.uniform(0, MAX_BLUR))
-            trial = run_trial(
-                registrar,
-                source=blurred(source.view, sigma, generator),
-                target=target.view,
-                T_true=None if stranger else T_true,
-                kind='unrelated' if stranger else kind,
-            )
-            if trial is not None:
-                yield trial
+            blurry = blurred(source.view, sigma, generator)
+            views = [(blurry, target.view)]
+            if rng.random() < THIN_SHARE:
+                views.append(thin(registrar, blurry, target.view, rng))
+            for a, b in views:
+                trial = run_trial(
+                    registrar,
+                    source=a,
+                    target=b,
+                    T_true=None if stranger else T_true,
+                    kind='unrelated' if stranger else kind,
+                )
+                if trial is not None:
+                    yield trial
     others.extend(targets)
+
+
+def thin(
+    registrar: Registrar, source: View, target: View, rng: np.random.Generator
+) -> tuple[View, View]:
+    """Source, target or both as key points."""
+    limit = int(np.exp(rng.uniform(np.log(FEWEST), np.log(MOST))))
+    which = rng.integers(3)
+    return (
+        source if which == 0 else thinned(registrar, source, limit),
+        target if which == 1 else thinned(registrar, target, limit),
+    )

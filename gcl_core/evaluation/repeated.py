@@ -16,6 +16,7 @@ from gcl_core.data.simulator.returns import draw_conditions
 from gcl_core.data.simulator.sensors import sensor_named
 from gcl_core.data.simulator.surfaces import NAMES, soup
 from gcl_core.data.simulator.sweep import sweep
+from gcl_core.data.simulator.traffic import Moment, body, joined
 from gcl_core.data.simulator.vehicles import car
 from gcl_core.types import PointCloud
 
@@ -86,4 +87,17 @@ class RepeatedSequence:
         conditions = draw_conditions(self._sensor, np.random.default_rng([self._seed, 4]))
         still = np.zeros(2)
         pose = self.T_world_lidar(index)
-        return sweep(self._sensor, self._scene, None, pose, still, conditions, rng)
+        traffic = self._traffic(pose, rng)
+        return sweep(self._sensor, self._scene, traffic, pose, still, conditions, rng)
+
+    @staticmethod
+    def _traffic(pose: Float[np.ndarray, '4 4'], rng: np.random.Generator) -> Moment | None:
+        """Cars that are elsewhere in the next scan: right places have conflicts as well."""
+        cars = []
+        for _ in range(rng.integers(0, 5)):
+            x, y = pose[:2, 3]
+            way = int(rng.choice([-1, 1]))
+            ahead = x + rng.choice([-1, 1]) * rng.uniform(9.0, 60.0)
+            place_ = np.array([ahead, y + (4.0 if way < 0 else 0.0), 0.0])
+            cars.append(body(rng, place_, 0.0 if way > 0 else np.pi, rng.uniform(4, 13)))
+        return joined(cars) if cars else None

@@ -14,12 +14,16 @@ from safetensors import safe_open
 from safetensors.torch import save_file
 
 from gcl_core import se3
-from gcl_core.estimation.decision import Finalist, examine
-from gcl_core.estimation.refine import Refined
+from gcl_core.estimation.decision import Finalist, examine, nothing_fits
+from gcl_core.estimation.refine import Refined, prepare
+from gcl_core.estimation.surface import surface
 from gcl_core.evaluation import metrics
 from gcl_core.files import whole_file
+from gcl_core.matching.keypoints import selected
 from gcl_core.registrar import Registrar, Stopwatch, View
-from gcl_core.types import Features
+from gcl_core.types import Features, PointCloud
+
+GATE_MARGIN = 1.0  # log odds below the gate that are refined all the same: to set a new one
 
 
 @dataclass(frozen=True)
@@ -29,16 +33,18 @@ class Trial:
     Attributes:
         kind: where the pair comes from.
         distance: between the sensors, metres; inf for unrelated places.
+        points: of the thinner side.
         columns: evidence on each hypothesis as estimated.
         right: whether it lies within 2 m and 5 degrees of the truth.
-        finalists: as refined.
+        finalists: as refined; none where nothing was worth refining.
         errors: of each finalist: x, y, z, rot_x, rot_y, rot_z, about the target's axes, metres
             and radians; inf for unrelated places.
     """
 
     kind: str
     distance: float
-    columns: Float[torch.Tensor, 'h 8']
+    points: int
+    columns: Float[torch.Tensor, 'h 9']
     right: Bool[torch.Tensor, ' h']
     finalists: list[Finalist]
     errors: Float[torch.Tensor, 'f 6']
@@ -68,6 +74,20 @@ def blurred(view: View, sigma: float, generator: torch.Generator) -> View:
     return replace(view, headings=headings)
 
 
+def thinned(registrar: Registrar, view: View, limit: int) -> View:
+    """A scan as it looks when only key points of it are sent."""
+    headings = [selected(features, limit) for features in view.headings]
+    points = se3.transform(se3.inverse(view.turns[0].numpy()), headings[0].points.numpy())
+    cloud = PointCloud(points)
+    return replace(
+        view,
+        headings=headings,
+        surface=surface(cloud),
+        prepared=prepare(cloud, registrar.config.refine),
+        points=len(cloud),
+    )
+
+
 def run_trial(
     registrar: Registrar,
     *,
@@ -84,8 +104,11 @@ def run_trial(
         return None
     scene = registrar.scene(source=source, target=target)
     columns = examine(hypotheses, scene, registrar.config.verify)
-    odds = registrar.calibration.rank.log_odds(columns)
-    finalists = registrar.finalists(hypotheses, odds, scene, source=source, target=target)
+    calibration = registrar.calibration(source=source, target=target)
+    finalists = []
+    if not nothing_fits(columns, replace(calibration, gate=calibration.gate - GATE_MARGIN)):
+        odds = calibration.estimated.choice.log_odds(columns)
+        finalists = registrar.finalists(hypotheses, odds, scene, source=source, target=target)
     right = [
         T_true is not None and metrics.registered(h.T_target_source.numpy(), T_true, metrics.LOOSE)
         for h in hypotheses
@@ -94,10 +117,11 @@ def run_trial(
     return Trial(
         kind=kind,
         distance=np.inf if T_true is None else float(np.linalg.norm(T_true[:3, 3])),
+        points=min(source.points, target.points),
         columns=columns,
         right=torch.tensor(right),
         finalists=finalists,
-        errors=torch.from_numpy(np.stack(errors)),
+        errors=torch.from_numpy(np.array(errors).reshape(-1, 6)),
     )
 
 
@@ -117,12 +141,13 @@ def save_trials(path: Path, trials: Iterable[Trial]) -> None:
     """Write trials to a safetensors file."""
     tensors, kinds = {}, []
     for i, trial in enumerate(trials):
-        kinds.append((trial.kind, trial.distance))
+        kinds.append((trial.kind, trial.distance, trial.points))
         tensors[f'{i}/columns'], tensors[f'{i}/right'] = trial.columns.contiguous(), trial.right
         tensors[f'{i}/errors'] = trial.errors
         for k, f in enumerate(trial.finalists):
             tensors[f'{i}/{k}/columns'] = f.columns.clone()
-            numbers = [float(f.inliers), f.lead, float(f.refined.walked)]
+            numbers = [f.inliers, f.row, float(f.refined.walked), f.refined.residual]
+            tensors[f'{i}/{k}/rivals'] = f.rivals
             tensors[f'{i}/{k}/numbers'] = torch.tensor(numbers, dtype=torch.float64)
             tensors[f'{i}/{k}/T'] = torch.from_numpy(f.refined.T_target_source.copy())
             tensors[f'{i}/{k}/information'] = torch.from_numpy(f.refined.information.copy())
@@ -135,15 +160,23 @@ def load_trials(path: Path) -> list[Trial]:
     with safe_open(path, framework='pt') as file:
         get = file.get_tensor
         trials = []
-        for i, (kind, distance) in enumerate(json.loads(file.metadata()['kinds'])):
+        for i, (kind, distance, points) in enumerate(json.loads(file.metadata()['kinds'])):
             errors, finalists = get(f'{i}/errors'), []
             for k in range(len(errors)):
-                inliers, lead, walked = get(f'{i}/{k}/numbers').tolist()
+                inliers, row, walked, residual = get(f'{i}/{k}/numbers').tolist()
                 T, information = get(f'{i}/{k}/T').numpy(), get(f'{i}/{k}/information').numpy()
-                refined = Refined(T, information, bool(walked))
-                columns = get(f'{i}/{k}/columns')
-                finalists.append(Finalist(refined, columns, int(inliers), lead))
+                refined = Refined(T, information, bool(walked), residual)
+                columns, rivals = get(f'{i}/{k}/columns'), get(f'{i}/{k}/rivals')
+                finalists.append(Finalist(refined, columns, int(inliers), int(row), rivals))
             trials.append(
-                Trial(kind, distance, get(f'{i}/columns'), get(f'{i}/right'), finalists, errors)
+                Trial(
+                    kind=kind,
+                    distance=distance,
+                    points=points,
+                    columns=get(f'{i}/columns'),
+                    right=get(f'{i}/right'),
+                    finalists=finalists,
+                    errors=errors,
+                )
             )
     return trials

@@ -1,6 +1,7 @@
 """Calibration on made-up trials, and one real trial of each kind."""
 
 import argparse
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,12 +9,13 @@ import torch
 
 from gcl_core import se3
 from gcl_core.errors import GclError
-from gcl_core.estimation.confidence import Spread, load_calibration
-from gcl_core.estimation.decision import Finalist
+from gcl_core.estimation.confidence import THIN, Spread, load_calibration
+from gcl_core.estimation.decision import Finalist, summary
+from gcl_core.estimation.evidence import SIGNS
 from gcl_core.estimation.refine import Refined
 from gcl_core.evaluation import calibrate
-from gcl_core.evaluation.encounters import roughened
-from gcl_core.evaluation.reliability import fit_spread, report, squared_errors, verdicts
+from gcl_core.evaluation.encounters import roughened, street, thin
+from gcl_core.evaluation.reliability import fit_spread, joined, report, verdicts
 from gcl_core.evaluation.repeated import RepeatedSequence
 from gcl_core.evaluation.trials import (
     Trial,
@@ -31,21 +33,23 @@ def registrar():
     return Registrar(RegistrarConfig(turns=1))
 
 
-def finalist(rng, right):
-    columns = rng.normal(size=8) * 0.3 + np.array([-1, 1, 1, 1, 0, 1, 0, 1]) * (right - 0.5)
+def finalist(rng, right, row, residual):
+    columns = rng.normal(size=9) * 0.3 + np.array([-1, 1, 1, 1, 0, 1, 0, 1, -1]) * (right - 0.5)
     information = np.diag(1.0 / np.array([0.02, 0.03, 0.02, 0.001, 0.001, 0.002]) ** 2)
-    refined = Refined(np.eye(4), information, walked=False)
-    return Finalist(refined, torch.from_numpy(columns).float(), 30, 1.0 if right else 0.0)
+    refined = Refined(np.eye(4), information, walked=False, residual=residual)
+    rivals = torch.arange(2) != row
+    return Finalist(refined, torch.from_numpy(columns).float(), 30, row, rivals)
 
 
-def made_up(count, seed=0):
-    """Trials whose errors spread twice as far as GICP says, with a right one in every two."""
+def made_up(count, seed=0, points=50_000):
+    """Trials whose errors grow with the residual, with a right one in every two."""
     rng = np.random.default_rng(seed)
     trials = []
     for i in range(count):
         right = i % 2 == 0
-        finalists = [finalist(rng, right), finalist(rng, False)]
-        deviation = 2 * np.array([0.02, 0.03, 0.02, 0.001, 0.001, 0.002])
+        residual = float(rng.uniform(0.1, 1.0))
+        finalists = [finalist(rng, right, 0, residual), finalist(rng, False, 1, residual)]
+        deviation = 3 * residual * np.array([0.02, 0.03, 0.02, 0.001, 0.001, 0.002])
         errors = np.stack([rng.normal(size=6) * deviation, np.full(6, 9.0)])
         if not right:
             errors[0] = 5.0
@@ -53,6 +57,7 @@ def made_up(count, seed=0):
             Trial(
                 kind=('street', 'repeated', 'unrelated')[i % 3],
                 distance=20.0,
+                points=points,
                 columns=torch.stack([f.columns for f in finalists]),
                 right=torch.tensor([right, False]),
                 finalists=finalists,
@@ -63,22 +68,25 @@ def made_up(count, seed=0):
 
 
 def test_fit_separates_right_from_wrong_and_covers_the_errors(registrar):
-    calibration = calibrate.fit(made_up(400), registrar.calibration)
+    calibration = calibrate.fit(made_up(400), registrar.calibrations.whole)
     held_out = made_up(400, seed=1)
     outcome = verdicts(held_out, calibration)
     p, right = outcome.probability, outcome.right
     assert float(p[right].median()) > 0.9 > 0.2 > float(p[~right].median())
     assert abs(float(p.mean()) - float(right.double().mean())) < 0.05
-    square = squared_errors(outcome, calibration.spread)
+    square = outcome.square[~np.isnan(outcome.square)]
     assert np.mean(square <= 10.645) == pytest.approx(0.9, abs=0.06)
     assert np.mean(square <= 5.348) == pytest.approx(0.5, abs=0.12)
-    assert 'wrong of 400 pairs accepted' in report(held_out, calibration)
+    assert 'wrong of 400 pairs accepted' in report(held_out, outcome)
+    assert len(joined([outcome, outcome]).winners) == 800
 
 
 def test_overconfident_information_is_widened(registrar):
-    spread = fit_spread(made_up(300), calibrate.fit(made_up(300), registrar.calibration))
+    spread = fit_spread(made_up(300), calibrate.fit(made_up(300), registrar.calibrations.whole))
     assert isinstance(spread, Spread)
-    assert spread.covariance(np.eye(6) * 1e12)[0, 0] == pytest.approx(spread.floor**2, rel=1e-2)
+    assert spread.power == pytest.approx(2.0, abs=0.3)  # variance grows with the residual's square
+    certain = spread.covariance(np.eye(6) * 1e12, 1.0)
+    assert certain[0, 0] == pytest.approx(spread.floor**2, rel=1e-2)
 
 
 def test_trials_survive_a_file(tmp_path):
@@ -90,7 +98,10 @@ def test_trials_survive_a_file(tmp_path):
         assert torch.equal(a.columns, b.columns)
         assert torch.equal(a.errors, b.errors)
         assert torch.equal(a.strict, b.strict)
-        assert a.finalists[0].lead == b.finalists[0].lead
+        assert a.points == b.points
+        assert torch.equal(a.finalists[1].rivals, b.finalists[1].rivals)
+        assert (a.finalists[1].row, b.finalists[1].row) == (1, 1)
+        assert a.finalists[0].refined.residual == b.finalists[0].refined.residual
         assert np.array_equal(
             a.finalists[0].refined.information, b.finalists[0].refined.information
         )
@@ -98,7 +109,8 @@ def test_trials_survive_a_file(tmp_path):
 
 def test_command_writes_a_calibration_that_loads(tmp_path, capsys):
     for world in range(6):
-        save_trials(tmp_path / f'world_{world:05d}.safetensors', made_up(60, seed=world))
+        trials = [*made_up(60, seed=world), *made_up(60, seed=world, points=1000)]
+        save_trials(tmp_path / f'world_{world:05d}.safetensors', trials)
     options = argparse.Namespace(
         weights=RegistrarConfig().weights,
         trials=tmp_path,
@@ -110,7 +122,7 @@ def test_command_writes_a_calibration_that_loads(tmp_path, capsys):
     )
     calibrate.run(options)
     assert 'wrote' in capsys.readouterr().out
-    assert load_calibration(tmp_path / 'own.calibration.json').spread.factor > 0
+    assert load_calibration(tmp_path / 'own.calibration.json').thin.spread.factor > 0
     options.trials, options.worlds = tmp_path / 'empty', 0
     with pytest.raises(GclError, match='0 worlds of trials'):
         calibrate.run(options)
@@ -147,6 +159,15 @@ def test_repeated_streets_repeat(drive):
     assert np.linalg.norm(far) == pytest.approx(60.0, abs=2.0)
 
 
+@pytest.mark.parametrize('seed', [12, 16])
+def test_places_that_look_alike_are_tried_within_sight_and_out_of_it(registrar, seed):
+    targets, sources, kind = street(registrar, seed, np.random.default_rng(seed))
+    assert kind == 'repeated'
+    away = [np.linalg.norm((s.T_world_lidar - targets[0].T_world_lidar)[:3, 3]) for s in sources]
+    assert max(away[:3]) < 75.0
+    assert away[3] > 45.0
+
+
 def test_roughening_keeps_the_scan(drive):
     scan = drive.scan(90)
     for seed in range(4):
@@ -158,7 +179,47 @@ def test_roughening_keeps_the_scan(drive):
 
 
 def test_shipped_calibration_is_sane():
-    calibration = load_calibration(calibration_file(RegistrarConfig().weights))
-    assert calibration.rank.weight[0] <= 0 <= calibration.rank.weight[1]
-    assert all(w >= 0 for w in calibration.trust.weight)
-    assert 0 < calibration.spread.floor < 0.5
+    calibrations = load_calibration(calibration_file(RegistrarConfig().weights))
+    assert calibrations.of(THIN) is calibrations.whole
+    assert calibrations.of(THIN - 1) is calibrations.thin
+    for calibration in (calibrations.whole, calibrations.thin):
+        for stage in (calibration.estimated, calibration.refined):
+            for judge in (stage.fit, stage.choice):
+                for weight, sign in zip(judge.weight, SIGNS.values(), strict=True):
+                    assert weight * sign >= 0
+        assert all(w > 0 for w in (*calibration.trust.fits.weight, *calibration.trust.only.weight))
+        assert 0 < calibration.spread.floor < 0.5
+
+
+def test_hopeless_pairs_are_not_refined(registrar):
+    trials = made_up(200)
+    calibration = calibrate.fit(trials, registrar.calibrations.whole)
+    gated = replace(calibration, gate=1e3)
+    assert all(winner is None for winner in verdicts(trials, gated).winners)
+    assert float(verdicts(trials, gated).probability.max()) == 0.0
+    # The gate that was fitted costs no likely one.
+    ungated = verdicts(trials, replace(calibration, gate=calibrate.NO_GATE))
+    lost = (verdicts(trials, calibration).probability == 0) & (ungated.probability > 0.5)
+    assert not bool((lost & ungated.right).any())
+
+
+def test_key_points_stand_in_for_a_scan(registrar, drive):
+    view = registrar.view(drive.scan(90))
+    rng = np.random.default_rng(0)
+    for _ in range(6):
+        source, target = thin(registrar, view, view, rng)
+        fewest = min(source.points, target.points)
+        assert 250 <= fewest <= 5000
+        assert registrar.calibration(source=source, target=target) is registrar.calibrations.thin
+    assert registrar.calibration(source=view, target=view) is registrar.calibrations.whole
+
+
+def test_a_lead_counts_other_places_only():
+    rng = np.random.default_rng(0)
+    calibrations = load_calibration(calibration_file(RegistrarConfig().weights))
+    first = replace(finalist(rng, True, 0, 0.2), rivals=torch.tensor([False, False, True]))
+    examined = torch.stack([first.columns, first.columns + 1.0, first.columns])
+    alone = replace(first, rivals=torch.zeros(3, dtype=torch.bool))
+    judged = [summary([f], examined, calibrations.whole)[1][0] for f in (first, alone)]
+    assert float(judged[0][2]) == 0.0  # as good as its only rival
+    assert float(judged[1][2]) > 0.99  # no rival

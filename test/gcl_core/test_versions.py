@@ -121,11 +121,17 @@ def test_checkpoints_that_do_not_fit_are_refused(tmp_path, change, metadata):
 @pytest.mark.parametrize(
     ('change', 'text'),
     [
-        (lambda c: c['rank']['weight'].pop(), 'rank weighs 7 columns of evidence, this version'),
-        (lambda c: c['trust']['weight'].append(1.0), 'trust weighs 4 columns'),
-        (lambda c: c['fine'].update(bias=float('nan')), 'a number of fine is not finite'),
-        (lambda c: c['spread'].update(floor=float('inf')), 'a number of spread is not finite'),
-        (lambda c: c.pop('trust'), "key 'trust' is missing"),
+        (
+            lambda c: c['whole']['estimated']['fit']['weight'].pop(),
+            'whole: estimated.fit weighs 8 columns of evidence, this version',
+        ),
+        (lambda c: c['thin']['trust']['only']['weight'].append(1.0), 'only weighs 3 columns'),
+        (
+            lambda c: c['whole']['refined']['choice'].update(bias=float('nan')),
+            'a number of refined.choice is not finite',
+        ),
+        (lambda c: c['thin']['spread'].update(floor=float('inf')), 'spread is not finite'),
+        (lambda c: c['whole'].pop('trust'), "key 'trust' is missing"),
     ],
 )
 def test_calibrations_that_do_not_fit_are_refused(tmp_path, change, text):

@@ -1,0 +1,127 @@
+"""`python -m gcl_core.evaluation.false_accepts`: what is accepted that must not be.
+
+    python -m gcl_core.evaluation.false_accepts --pairs 10000 --out bench/trust.json
+
+Each group of about 400 pairs goes to a file of its own, so that a run goes on where it was
+stopped and several processes can share the groups; the table is of all files in the folder.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import platform
+import sys
+import time
+from collections.abc import Iterable
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import torch
+from tqdm import tqdm
+
+from gcl_core.errors import GclError
+from gcl_core.evaluation import metrics
+from gcl_core.evaluation.accept_tables import Row, by_distance, by_kind, markdown
+from gcl_core.evaluation.adversaries import Case, group
+from gcl_core.evaluation.encounters import few_turns
+from gcl_core.models import zoo
+from gcl_core.registrar import Registrar, RegistrarConfig
+
+ALL_TURNS_EVERY = 12  # groups: one at all headings, the others at few
+PAIRS = 398  # of a group
+
+
+def judge(registrar: Registrar, case: Case) -> Row:
+    """Register one pair."""
+    result = registrar.register_views(source=case.source, target=case.target)
+    T, true = result.T_target_source, case.T_true
+    meets = [
+        true is not None and metrics.registered(T, true, criterion)
+        for criterion in (metrics.STRICT, metrics.LOOSE)
+    ]
+    distance = None if true is None else round(float((true[:3, 3] ** 2).sum() ** 0.5), 2)
+    return Row(
+        case.kind,
+        len(case.source.headings),
+        distance,
+        result.accepted,
+        round(result.probability, 5),
+        meets[0],
+        meets[1],
+        result.reason,
+    )
+
+
+def measure(registrar: Registrar, folder: Path, numbers: Iterable[int], seconds: float) -> None:
+    """Write a file for each group that has none yet; stop after so many seconds."""
+    folder.mkdir(parents=True, exist_ok=True)
+    turns, few, began = registrar.config.turns, few_turns(registrar), time.monotonic()
+    for number in numbers:
+        path = folder / f'group_{number:04d}.json'
+        if path.exists():
+            continue
+        if time.monotonic() - began > seconds:
+            return
+        registrar.config = replace(
+            registrar.config, turns=turns if number % ALL_TURNS_EVERY == 0 else few
+        )
+        cases = tqdm(group(registrar, number), desc=path.stem, unit='pair')
+        rows = [asdict(judge(registrar, case)) for case in cases]
+        path.write_text(json.dumps(rows) + '\n')
+
+
+def load(folder: Path) -> list[Row]:
+    """Read the rows of all groups in a folder."""
+    return [
+        Row(**r) for p in sorted(folder.glob('group_*.json')) for r in json.loads(p.read_text())
+    ]
+
+
+def main() -> None:
+    """Measure, print the tables, write them."""
+    parser = argparse.ArgumentParser(prog='false_accepts', description=__doc__)
+    parser.add_argument('--weights', default=RegistrarConfig().weights, help='name or file')
+    parser.add_argument('--chunks', type=Path, default=Path('build/trust'), help='a file a group')
+    parser.add_argument('--pairs', type=int, default=10_000, help='at least; in groups of 398')
+    parser.add_argument('--first', type=int, default=0, help='first group')
+    parser.add_argument('--last', type=int, help='group after the last; for shards')
+    parser.add_argument('--seconds', type=float, default=float('inf'), help='start none after it')
+    parser.add_argument('--out', type=Path, help='JSON of the tables')
+    o = parser.parse_args()
+    try:
+        run(o)
+    except GclError as error:
+        print(f'false_accepts: {error}', file=sys.stderr)
+        sys.exit(2)
+
+
+def run(o: argparse.Namespace) -> None:
+    """Run with parsed options."""
+    registrar = Registrar(RegistrarConfig(weights=o.weights))
+    config = registrar.config
+    last = o.first - (-o.pairs // PAIRS) if o.last is None else o.last
+    measure(registrar, o.chunks, range(o.first, last), o.seconds)
+    rows = load(o.chunks)
+    if not rows:
+        raise GclError(f'no group of pairs in {o.chunks}; ask for more --pairs or --seconds')
+    print(markdown(rows))
+    if o.out:
+        card = zoo.FOLDER / f'{o.weights}.json'
+        content = {
+            'weights': json.loads(card.read_text())['sha256'] if card.is_file() else o.weights,
+            'min_probability': config.min_probability,
+            'turns': {
+                'most groups': few_turns(registrar),
+                f'every {ALL_TURNS_EVERY}th': config.turns,
+            },
+            'machine': platform.processor() or platform.machine(),
+            'threads': torch.get_num_threads(),
+            'by_kind': by_kind(rows),
+            'true_by_distance': by_distance(rows),
+        }
+        o.out.write_text(json.dumps(content, indent=1) + '\n')
+
+
+if __name__ == '__main__':
+    main()
