@@ -203,6 +203,8 @@ class Registrar:
             finalists = self.finalists(hypotheses, odds, scene, source=source, target=target)
         winner, columns = summary(finalists, examined, calibration)
         probability = float(calibration.trust.probability(columns))
+        if winner.refined.slides:
+            probability = 0.0
         result = self._verdict(winner, probability, calibration, offered, watch)
         return between_lidars(result, source=source, target=target)
 
@@ -274,6 +276,8 @@ class Registrar:
         reason = ''
         if winner.refined.walked:
             reason = 'refinement left the place that the correspondences support'
+        elif winner.refined.slides:
+            reason = 'nothing that both scans saw holds the transform in one direction'
         elif not probability >= self.config.min_probability:  # nor is nan enough
             reason = f'probability {probability:.3f}, {self.config.min_probability:g} needed'
         return Registration(

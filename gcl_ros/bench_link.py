@@ -29,7 +29,7 @@ from sensor_msgs.msg import PointCloud2, PointField
 from gcl_core.errors import GclError
 from gcl_core.types import Features
 from gcl_ros.conversions import fill_point_cloud2, seconds
-from gcl_ros.feature_cloud import fill_feature_cloud
+from gcl_ros.feature_cloud import Described, fill_feature_cloud
 
 POINTS = 120_000
 KEYPOINTS = (250, 1000, 5000)
@@ -94,7 +94,7 @@ def clouds() -> dict[str, PointCloud2]:
     for count in KEYPOINTS:
         points = torch.from_numpy(rng.uniform(-50, 50, (count, 3)).astype(np.float32))
         descriptors = torch.nn.functional.normalize(torch.randn(count, 32), dim=1)
-        features = [Features(points, descriptors)]
+        features = Described([Features(points, descriptors)], [0.0])
         message = fill_feature_cloud(PointCloud2(), features, 'bench', count, PointField)
         found[f'{count} key points'] = message
     return found

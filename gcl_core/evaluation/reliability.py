@@ -61,7 +61,7 @@ def verdicts(trials: list[Trial], calibration: Calibration) -> Verdicts:
         winners.append(winner)
     stacked = torch.cat(columns)
     probability = calibration.trust.probability(stacked)
-    refused = torch.tensor([w is None or w.refined.walked for w in winners])
+    refused = torch.tensor([w is None or w.refined.walked or w.refined.slides for w in winners])
     outcome = Verdicts(
         columns=stacked,
         right=torch.stack(right),

@@ -9,7 +9,7 @@ from gcl_core.errors import GclError
 from gcl_core.estimation.hypothesis import distinct, distinct_best
 from gcl_core.estimation.procrustes import from_moments, products
 from gcl_core.estimation.ransac import RansacConfig, ransac
-from gcl_core.estimation.refine import RefineConfig, prepare, refine, refine_all
+from gcl_core.estimation.refine import RefineConfig, Refined, prepare, refine, refine_all
 from gcl_core.evaluation import metrics
 from gcl_core.types import Correspondences
 
@@ -112,3 +112,12 @@ def test_refine_improves_a_rough_transform_and_refuses_to_walk(drive):
     timid = refine(rough, source=source, target=target, config=RefineConfig(max_move=0.1))
     assert timid.walked
     assert np.array_equal(timid.T_target_source, rough)
+
+
+@pytest.mark.parametrize(('along', 'slides'), [(1.0, True), (1e4, False)])
+def test_what_nothing_holds_along_the_road_slides(along, slides):
+    """A tunnel holds a scan across, upright and level, but not along."""
+    turn = se3.rotation_z(0.7)
+    information = np.diag([along, 1e5, 1e5, 1e6, 1e6, 1e6])
+    information[:2, :2] = turn[:2, :2] @ information[:2, :2] @ turn[:2, :2].T
+    assert Refined(np.eye(4), information, walked=False).slides == slides

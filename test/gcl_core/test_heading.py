@@ -33,7 +33,7 @@ def test_walls_give_the_direction(yaw):
 def test_it_turns_with_a_scan(drive, yaw):
     points = drive.scan(90).points
     turned = se3.transform(se3.from_xyz_rpy(yaw=yaw), points)
-    assert off(dominant_heading(turned), dominant_heading(points) + yaw) < np.deg2rad(2.0)
+    assert off(dominant_heading(turned), dominant_heading(points) + yaw) < np.deg2rad(6.0)
 
 
 def test_scans_of_a_street_agree(drive):

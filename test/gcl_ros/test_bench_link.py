@@ -55,4 +55,4 @@ def test_what_did_not_come_is_said():
     assert [row.received for row in found] == ['2/3', '0/1']
     assert (found[0].median_ms, found[0].blocked_ms) == (600.0, 400.0)
     assert math.isnan(found[1].median_ms)
-    assert '| 250 key points | 9,500 | 0/1 | nan |' in table(found)
+    assert '| 250 key points | 10,000 | 0/1 | nan |' in table(found)
