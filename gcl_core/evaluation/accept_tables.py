@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -47,7 +48,7 @@ def by_kind(rows: list[Row]) -> list[dict[str, Any]]:
             {
                 'kind': kind,
                 'pairs': len(own),
-                'at_all_headings': sum(row.turns > 1 for row in own),
+                'pairs_by_headings': dict(Counter(row.turns for row in own)),
                 'accepted': sum(row.accepted for row in own),
                 'wrong': wrong,
                 'beyond_2m_5deg': sum(row.accepted and not row.near for row in own),
