@@ -45,7 +45,7 @@ def main() -> None:
     registrar = Registrar(RegistrarConfig(turns=1))
     figures = stages(registrar, source, target, options.repeats)
     few = max(1, options.repeats // 3)
-    figures |= {f'pair, turns {n}': whole(source, target, n, few) for n in (1, 6)}
+    figures |= {f'pair, turns {n}': whole(source, target, n, few) for n in (1, 12)}
     print('| stage | shortest, ms | median, ms | processor, ms |\n|---|---|---|---|')
     for stage, row in figures.items():
         print(f'| {stage} |', ' | '.join(f'{value:.1f}' for value in row.values()), '|')
