@@ -106,13 +106,22 @@ class Rig:
         return False
 
     def call(self, kind, service, request=None):
-        """Call a service."""
+        """Call a service; again after a while, for an answer is lost if it comes too soon.
+
+        A client that sees its service may not be seen by it yet.
+        """
         client = self.node.create_client(kind, service)
         assert self.until(client.service_is_ready), service
-        future = client.call_async(request or kind.Request())
-        assert self.until(future.done), service
+        futures = []
+        self.until(
+            lambda: any(future.done() for future in futures),
+            every=lambda: futures.append(client.call_async(request or kind.Request())),
+            pause=PATIENCE / 3,
+        )
+        answers = [future.result() for future in futures if future.done()]
+        assert answers, service
         self.node.destroy_client(client)
-        return future.result()
+        return answers[0]
 
     def trigger(self, name):
         return self.call(Trigger, f'/registrar/{name}')

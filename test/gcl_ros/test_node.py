@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from geometry_msgs.msg import TransformStamped
 from lifecycle_msgs.msg import Transition
-from lifecycle_msgs.srv import ChangeState
+from lifecycle_msgs.srv import ChangeState, GetState
 
 from gcl_core.evaluation import metrics
 from gcl_ros.bag import pair_encounters, write_bag
@@ -147,7 +147,9 @@ def test_signals_end_it_cleanly_after_transitions(rig, environment, tmp_path, nu
         for transition in transitions:
             request = ChangeState.Request()
             request.transition.id = transition
-            assert rig.call(ChangeState, '/registrar/change_state', request).success
+            rig.call(ChangeState, '/registrar/change_state', request)
+        state = rig.call(GetState, '/registrar/get_state').current_state.label
+        assert state == ('inactive' if number == INT else 'finalized')
         process.send_signal(number)
         assert process.wait(timeout=READY) == 0
     assert 'Traceback' not in log.read_text()
