@@ -134,7 +134,14 @@ class Registrar:
         bearable = np.deg2rad(self.model.config.max_yaw_deg)
         return float(min(np.pi / turns, bearable) + TURN_MARGIN * bearable)
 
-    def view(self, cloud: PointCloud, *, turns: int = 1, yaw: float = 0.0) -> View:
+    def view(
+        self,
+        cloud: PointCloud,
+        *,
+        turns: int = 1,
+        yaw: float = 0.0,
+        T_view_lidar: Float[np.ndarray, '4 4'] | None = None,
+    ) -> View:
         """Describe a scan at evenly spaced headings, and prepare it for checks and refinement.
 
         Args:
@@ -142,11 +149,13 @@ class Registrar:
             turns: how many headings.
             yaw: of the first turn, radians: where the target's view is known to be turned so
                 against this one's, one heading is enough.
+            T_view_lidar: of `model.facing(cloud)`, where it is known already.
 
         Raises:
             GclError: no point lies within the network's range.
         """
-        T_view_lidar = self.model.facing(cloud)
+        if T_view_lidar is None:
+            T_view_lidar = self.model.facing(cloud)
         cloud = PointCloud(se3.transform(T_view_lidar, cloud.points))
         matrices = [se3.from_xyz_rpy(yaw=yaw + 2 * np.pi * k / turns) for k in range(turns)]
         turned = [PointCloud(se3.transform(T, cloud.points)) for T in matrices]
@@ -165,12 +174,14 @@ class Registrar:
         Raises:
             GclError: a cloud has no point within the network's range.
         """
-        watch, seen = Stopwatch(), None
+        watch = Stopwatch()
+        with watch('describe'):
+            seen, facing = self.view(target), self.model.facing(source)
+            same_way = se3.yaw(seen.T_view_lidar @ se3.inverse(facing))
         for turns in self.config.looks:
             with watch('describe'):
-                seen = seen or self.view(target)
-                yaw = se3.yaw(seen.T_view_lidar @ se3.inverse(self.model.facing(source)))
-                view = self.view(source, turns=turns, yaw=yaw if self.config.turns == 1 else 0.0)
+                yaw = same_way if self.config.turns == 1 else 0.0
+                view = self.view(source, turns=turns, yaw=yaw, T_view_lidar=facing)
             result = self.register_views(source=view, target=seen, watch=watch)
             if result.accepted:
                 break

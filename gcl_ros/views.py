@@ -108,7 +108,9 @@ class Views:
 
     def _make(self, scan: Scan, look: Look, config: RegistrarConfig) -> View:
         if scan.described is None:
-            return self._registrar.view(scan.cloud, turns=look.turns, yaw=look.yaw)
+            return self._registrar.view(
+                scan.cloud, turns=look.turns, yaw=look.yaw, T_view_lidar=scan.T_view_lidar
+            )
         own = se3.yaw(scan.T_view_lidar)
         offered = np.array(scan.described.yaws) - own
         wanted = look.yaw + 2 * np.pi * np.arange(look.turns) / look.turns
