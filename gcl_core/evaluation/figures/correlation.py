@@ -20,14 +20,19 @@ from gcl_core.evaluation.figures.dependence import (
     total_variation,
 )
 from gcl_core.evaluation.figures.result import FigureResult, Row
-from gcl_core.evaluation.figures.sampling import Positives, Ranges, draw_positives, two_members
+from gcl_core.evaluation.figures.sampling import (
+    KINDS,
+    Positives,
+    Ranges,
+    draw_positives,
+    two_members,
+)
 from gcl_core.registrar import Registrar
 
 BATCHES, BATCH = 3, 4  # columns of the paper's figure, and its batch size
 ON_CURVE = 2.0  # metres
 DOTS = 400  # drawn of each centre
 STRIPES = (15.0, 35.0)  # metres: ranges at which the distribution of the other is drawn
-KINDS = ('pair-wise', 'group-wise')
 COLORS = (result.BLUE, result.ORANGE, result.GREEN, result.PURPLE)
 PUBLISHED = (
     "Section 'Analysis', figure 'Visual validation' (KITTI, batch size 4): pair-wise positives "

@@ -17,12 +17,11 @@ from gcl_core.data.sequence import Sequence
 from gcl_core.evaluation.figures import result
 from gcl_core.evaluation.figures.dependence import total_variation
 from gcl_core.evaluation.figures.result import FigureResult, Row
-from gcl_core.evaluation.figures.sampling import Positives, draw_positives
+from gcl_core.evaluation.figures.sampling import KINDS, Positives, draw_positives
 from gcl_core.evaluation.neighborhood import MAX_RANGE, Neighborhood
 from gcl_core.registrar import Registrar
 from gcl_core.types import PositiveGroups
 
-KINDS = ('pair-wise', 'group-wise')
 FIELDS = {'pair-wise': 'pairs', 'group-wise': 'groups'}  # of `Positives`
 LABELS = {'points': 'all points of the centre', **{kind: f'{kind} positives' for kind in KINDS}}
 COLORS = {'points': result.GREY, 'pair-wise': result.ORANGE, 'group-wise': result.BLUE}

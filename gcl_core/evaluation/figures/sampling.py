@@ -13,6 +13,7 @@ from gcl_core.errors import GclError
 from gcl_core.evaluation.neighborhood import Neighborhood, neighborhoods
 from gcl_core.types import PositiveGroups
 
+KINDS = ('pair-wise', 'group-wise')
 NEAREST_PARTNER = 5.0  # metres; the paper's pairs begin there
 Ranges = Float[np.ndarray, 'n 2']
 

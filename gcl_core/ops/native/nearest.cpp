@@ -11,11 +11,6 @@
 
 namespace {
 
-#if defined(__AVX512F__)
-constexpr int COLUMNS = 4;  // vectors in a register block: 6 x 4 sums in 32 registers
-#else
-constexpr int COLUMNS = 2;  // 6 x 2 sums in 16 registers
-#endif
 constexpr int ROWS = 6;
 constexpr float LOWEST = -std::numeric_limits<float>::infinity();
 
@@ -44,16 +39,16 @@ void search(const T* const* a, long depth, const T* b, long vectors, float* valu
     Vector top[ROWS];
     Places at[ROWS];
     for (int r = 0; r < ROWS; ++r) top[r] = Vector{} + LOWEST, at[r] = Places{};
-    for (long v = 0; v < vectors; v += COLUMNS) {
-        Vector sum[ROWS][COLUMNS] = {};
+    for (long v = 0; v < vectors; v += WIDE) {
+        Vector sum[ROWS][WIDE] = {};
         for (long d = 0; d < depth; d += STEP)
 #pragma GCC unroll 8
             for (int r = 0; r < ROWS; ++r)
 #pragma GCC unroll 8
-                for (int c = 0; c < COLUMNS; ++c)
+                for (int c = 0; c < WIDE; ++c)
                     Product<T>::add(sum[r][c], a[r] + d, b + ((v + c) * depth + d) * LANES);
 #pragma GCC unroll 8
-        for (int c = 0; c < COLUMNS; ++c) {
+        for (int c = 0; c < WIDE; ++c) {
             Vector most = best[v + c];
             const Places here = Places{} + int32_t(v + c);
 #pragma GCC unroll 8
@@ -80,7 +75,7 @@ void search(const T* const* a, long depth, const T* b, long vectors, float* valu
 template <class T>
 void nearest(const T* source, long n, const T* target, long m, long depth, float* value,
              int32_t* column, float* best, int threads) {
-    const long vectors = (m + LANES * COLUMNS - 1) / (LANES * COLUMNS) * COLUMNS;
+    const long vectors = (m + LANES * WIDE - 1) / (LANES * WIDE) * WIDE;
     const std::vector<T> b = packed(target, m, depth, vectors);
     std::fill(best, best + m, LOWEST);
 #pragma omp parallel num_threads(threads)

@@ -13,8 +13,10 @@ namespace {
 
 #if defined(__AVX512F__)
 constexpr long LANES = 16;
+constexpr int WIDE = 4;  // vectors in a register block: 6 x 4 sums in 32 registers
 #else
 constexpr long LANES = 8;
+constexpr int WIDE = 2;  // 6 x 2 sums in 16 registers
 #endif
 
 typedef float Vector __attribute__((vector_size(4 * LANES), aligned(4), may_alias));

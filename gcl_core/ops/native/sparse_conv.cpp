@@ -13,11 +13,6 @@
 
 namespace {
 
-#if defined(__AVX512F__)
-constexpr int WIDE = 4;  // vectors in a register block: 6 x 4 sums in 32 registers
-#else
-constexpr int WIDE = 2;  // 6 x 2 sums in 16 registers
-#endif
 constexpr int NARROW = 2;
 constexpr int PAIRS = 6;                   // rows of a register block
 constexpr long TILE_BYTES = 192 * 1024;    // of float32 sums: a share of the second-level cache
