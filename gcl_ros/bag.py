@@ -28,6 +28,7 @@ from gcl_ros.conversions import (
 
 VERSION = 8  # of the metadata; Humble to Iron cannot read 9
 CLOUD, TRANSFORM = 'sensor_msgs/msg/PointCloud2', 'geometry_msgs/msg/TransformStamped'
+ODOMETRY = 'nav_msgs/msg/Odometry'
 SOURCE, TARGET, TRUTH = '/source/points', '/target/points', '/truth/transform'
 PAIR_LIST = 'gcl_pair_list'  # key of the metadata's custom data
 FRAMES = {'source': 'source/lidar', 'target': 'target/lidar'}

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from gcl_core import se3
 from gcl_core.errors import GclError
 from gcl_core.types import PointCloud
-from gcl_ros.bag import CLOUD
+from gcl_ros.bag import CLOUD, ODOMETRY
 from gcl_ros.bag_reader import Bag, open_bag
 from gcl_ros.conversions import matrix, point_cloud, pose_matrix, seconds
 
@@ -206,7 +206,7 @@ class BagSequence:
 
 
 POSES = {
-    'nav_msgs/msg/Odometry': lambda m: (m.child_frame_id, pose_matrix(m.pose.pose)),
+    ODOMETRY: lambda m: (m.child_frame_id, pose_matrix(m.pose.pose)),
     'geometry_msgs/msg/PoseStamped': lambda m: ('', pose_matrix(m.pose)),
     'geometry_msgs/msg/TransformStamped': lambda m: (m.child_frame_id, matrix(m.transform)),
 }

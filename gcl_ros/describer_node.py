@@ -25,6 +25,7 @@ from gcl_ros.diagnostics import Diagnostics, Report
 from gcl_ros.feature_cloud import describe, fill_feature_cloud, weights_hash
 from gcl_ros.lifecycle import ConfiguredNode, run
 from gcl_ros.limits import MAX_POINTS, check_limits
+from gcl_ros.wire import header_of, subscribe
 
 
 @dataclass(frozen=True)
@@ -87,7 +88,7 @@ class DescriberNode(ConfiguredNode[DescriberConfig]):
         policy = ReliabilityPolicy.RELIABLE if config.reliable else ReliabilityPolicy.BEST_EFFORT
         qos = QoSProfile(depth=1, reliability=policy)
         self._heard = time.monotonic()
-        self._input = self.create_subscription(PointCloud2, 'points', self._receive, qos)
+        self._input = subscribe(self, PointCloud2, 'points', self._receive, self._refuse, qos)
         self.get_logger().info(f'ready; weights {config.weights} ({self._hash})')
 
     def end(self) -> None:
@@ -114,8 +115,7 @@ class DescriberNode(ConfiguredNode[DescriberConfig]):
         try:
             features = self._describe(message)
         except GclError as error:
-            self._fault = str(error)
-            self.get_logger().error(f'cloud left out: {error}')
+            self._refuse(str(error))
             return
         self._fault = ''
         self._publisher.publish(features)
@@ -126,6 +126,10 @@ class DescriberNode(ConfiguredNode[DescriberConfig]):
             'total ms': f'{1e3 * (time.monotonic() - self._heard):.1f}',
         }
 
+    def _refuse(self, reason: str) -> None:
+        self._fault = reason
+        self.get_logger().error(f'cloud left out: {reason}', throttle_duration_sec=5.0)
+
     def _describe(self, message: PointCloud2) -> PointCloud2:
         check_limits(message, self.config.max_points)
         cloud = point_cloud(message)
@@ -133,7 +137,7 @@ class DescriberNode(ConfiguredNode[DescriberConfig]):
         features = fill_feature_cloud(
             PointCloud2(), described, self._hash, self.config.keypoints, PointField
         )
-        features.header = message.header
+        features.header = header_of(message)
         return features
 
     def _report(self) -> list[Report]:

@@ -8,12 +8,14 @@ import numpy as np
 from geometry_msgs.msg import Point, PoseWithCovarianceStamped, TransformStamped
 from rclpy.node import Node
 from sensor_msgs.msg import PointCloud2, PointField
+from std_msgs.msg import Header
 from visualization_msgs.msg import Marker
 
 from gcl_core import se3
 from gcl_core.errors import GclError
 from gcl_core.types import Correspondences, PointCloud, Registration
 from gcl_ros.conversions import fill_point_cloud2, fill_pose, fill_transform, seconds
+from gcl_ros.wire import header_of
 
 MATCH_WIDTH = 0.05  # metres
 
@@ -55,7 +57,7 @@ class Outputs:
             target: message; its frame becomes the parent.
         """
         message = TransformStamped()
-        message.header.stamp = max(source, target, key=_stamp).header.stamp
+        message.header = header_of(max(source, target, key=_stamp))
         message.header.frame_id = target.header.frame_id
         message.child_frame_id = source.header.frame_id
         fill_transform(message.transform, result.T_target_source)
@@ -87,10 +89,11 @@ class Outputs:
         if self._aligned is not None:
             points = se3.transform(result.T_target_source, cloud.points)
             aligned = fill_point_cloud2(PointCloud2(), points, PointField)
-            aligned.header = target.header
+            aligned.header = header_of(target)
             self._aligned.publish(aligned)
         if self._matches is not None and matches is not None:
-            self._matches.publish(_lines(target.header, result.T_target_source, matches))
+            lines = _lines(header_of(target), result.T_target_source, matches)
+            self._matches.publish(lines)
 
     def destroy(self) -> None:
         """Destroy the publishers."""
@@ -114,7 +117,7 @@ def _stamp(message: Any) -> float:
     return seconds(message.header.stamp)
 
 
-def _lines(header: Any, T: np.ndarray, matches: Correspondences) -> Marker:
+def _lines(header: Header, T: np.ndarray, matches: Correspondences) -> Marker:
     """Lines from each source key point, as aligned, to its target key point raised by 5 m.
 
     Aligned, the two lie in one place: raised, the lines stand where the evidence is.

@@ -13,7 +13,6 @@ Serves: `~/trigger` (std_srvs/Trigger) registers the newest pair, `~/reset` forg
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
@@ -36,6 +35,7 @@ from gcl_ros.link import SINGLE, Link, Wanted
 from gcl_ros.pairing import Side
 from gcl_ros.pairings import Pairings
 from gcl_ros.tracking import MotionConfig
+from gcl_ros.wire import subscribe
 from gcl_ros.worker import Worker
 
 # Name of the source, its cloud, the target's; one of them is None while it is still awaited.
@@ -139,7 +139,9 @@ class RegistrarNode(ConfiguredNode[NodeConfig]):
         qos = QoSProfile(depth=1, reliability=policy)  # deeper, and clouds grow seconds old
         receivers = {name: partial(self._receive_source, name) for name in names}
         self._inputs = [
-            self.create_subscription(PointCloud2, f'{name}/points', receive, qos)
+            subscribe(
+                self, PointCloud2, f'{name}/points', receive, partial(self._refuse, name), qos
+            )
             for name, receive in {**receivers, 'target': self._receive_target}.items()
         ]
         engine = self._exchange.registrar.engine
@@ -177,25 +179,29 @@ class RegistrarNode(ConfiguredNode[NodeConfig]):
         for link in self._links.values():
             link.heading.memory = config.heading_memory
 
-    def _takes(self, links: Sequence[Link], message: PointCloud2) -> bool:
-        """Whether a cloud is within the limits; if not, the diagnostics say so."""
+    def _takes(self, name: str, message: PointCloud2) -> bool:
+        """Whether a cloud of a vehicle is within the limits."""
         try:
             limits.check_limits(message, self.config.max_points)
         except GclError as error:
-            for link in links:
-                link.health.failed(str(error))
-            self.get_logger().error(f'cloud left out: {error}', throttle_duration_sec=5.0)
+            self._refuse(name, str(error))
             return False
         return True
 
+    def _refuse(self, name: str, reason: str) -> None:
+        """Tell in the log and the diagnostics why a cloud of a vehicle is left out."""
+        for link in self._links.values() if name == 'target' else [self._links[name]]:
+            link.health.failed(reason)
+        self.get_logger().error(f'cloud left out: {reason}', throttle_duration_sec=5.0)
+
     def _receive_source(self, name: str, message: PointCloud2) -> None:
-        if not self._takes([self._links[name]], message):
+        if not self._takes(name, message):
             return
         self._links[name].heard('source', message)
         self._pairings.of[name].add('source', seconds(message.header.stamp), message)
 
     def _receive_target(self, message: PointCloud2) -> None:
-        if not self._takes([*self._links.values()], message):
+        if not self._takes('target', message):
             return
         for link in self._links.values():
             link.heard('target', message)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import threading
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,7 @@ from gcl_ros.conversions import fill_pose, pose_matrix, seconds
 from gcl_ros.deskew import deskewed
 from gcl_ros.motion import Drift, Odometry, Relative, RelativeFilter, carried
 from gcl_ros.pairing import Side
+from gcl_ros.wire import subscribe
 
 Mount = tuple[float, float, float, float, float, float]
 
@@ -79,17 +81,25 @@ class Tracking:
         self._inputs = [self._subscribe(side, name, qos) for side, name in names.items()]
 
     def _subscribe(self, side: Side, name: str, qos: QoSProfile) -> Any:
-        return self._node.create_subscription(
-            OdometryMessage, f'{name}/odometry', lambda message: self._moved(side, message), qos
+        return subscribe(
+            self._node,
+            OdometryMessage,
+            f'{name}/odometry',
+            partial(self._moved, side),
+            partial(self._refuse, side),
+            qos,
         )
+
+    def _refuse(self, side: Side, reason: str) -> None:
+        with self._lock:
+            self._refused[side] = reason
 
     def _moved(self, side: Side, message: OdometryMessage) -> None:
         """Take a pose of one vehicle; publish as far as both are known."""
         try:
             T = pose_matrix(message.pose.pose)
         except GclError as error:
-            with self._lock:
-                self._refused[side] = str(error)
+            self._refuse(side, str(error))
             return
         with self._lock:
             self._refused.pop(side, None)

@@ -24,7 +24,7 @@ from gcl_core.models.resunet import ResUNetConfig
 from gcl_core.registrar import SHIPPED, RegistrarConfig
 from gcl_core.training import checkpoint
 from gcl_core.types import Features, PointCloud
-from gcl_ros.bag import Encounter, encounter_messages, write_bag
+from gcl_ros.bag import ODOMETRY, Encounter, encounter_messages, write_bag
 from gcl_ros.bag_reader import message_types
 from gcl_ros.feature_cloud import Described, fill_feature_cloud
 
@@ -80,6 +80,27 @@ def raw_message() -> bytes:
     encounter = Encounter(1.0, cloud(), cloud(), np.eye(4))
     message = [m for _, m in encounter_messages(types, encounter, 10**9)][1]
     return bytes(types.serialize_cdr(message, message.__msgtype__))
+
+
+@cache
+def odometry() -> bytes:
+    """A nav_msgs/Odometry, serialized."""
+    types, none = message_types(), np.zeros(36)
+    make = lambda name, *values: types.types[name](*values)  # noqa: E731
+    header = make('std_msgs/msg/Header', make('builtin_interfaces/msg/Time', 1, 0), 'odom')
+    zero = make('geometry_msgs/msg/Vector3', 0.0, 0.0, 0.0)
+    pose = make(
+        'geometry_msgs/msg/Pose',
+        make('geometry_msgs/msg/Point', 1.0, 2.0, 3.0),
+        make('geometry_msgs/msg/Quaternion', 0.0, 0.0, 0.0, 1.0),
+    )
+    twist = make('geometry_msgs/msg/Twist', zero, zero)
+    with_covariance = (
+        make('geometry_msgs/msg/PoseWithCovariance', pose, none),
+        make('geometry_msgs/msg/TwistWithCovariance', twist, none),
+    )
+    message = make(ODOMETRY, header, 'base', *with_covariance)
+    return bytes(types.serialize_cdr(message, ODOMETRY))
 
 
 @cache

@@ -15,17 +15,16 @@ from gcl_core.data.kitti import read_calibration
 from gcl_core.data.nuscenes import read_logs
 from gcl_core.data.pair_list import read_pair_list
 from gcl_core.data.poses import read_poses
-from gcl_core.errors import GclError
 from gcl_core.estimation.confidence import load_calibration
 from gcl_core.models import zoo
 from gcl_core.registrar import RegistrarConfig
 from gcl_core.training import checkpoint
 from gcl_core.training.recipe import TrainConfig
-from gcl_ros.bag import CLOUD, read_encounters
+from gcl_ros.bag import CLOUD, ODOMETRY, read_encounters
 from gcl_ros.bag_info import summary
 from gcl_ros.bag_reader import deserialized
 from gcl_ros.bag_sequence import BagSequence
-from gcl_ros.conversions import point_cloud
+from gcl_ros.conversions import point_cloud, pose_matrix
 from gcl_ros.deskew import deskewed
 from gcl_ros.feature_cloud import feature_cloud, is_feature_cloud
 from gcl_ros.fuzz import seeds
@@ -52,19 +51,9 @@ def _message(data: bytes, _: Path) -> None:
         point_cloud(message)
 
 
-def _wire(data: bytes, folder: Path) -> None:
-    """The same bytes through the deserializer of the middleware, which is C++."""
-    from rclpy.serialization import deserialize_message
-    from sensor_msgs.msg import PointCloud2
-
-    try:
-        message = deserialize_message(data, PointCloud2)
-    except Exception as error:
-        raise GclError(f'the middleware refuses these bytes: {error}') from None
-    if is_feature_cloud(message):
-        feature_cloud(message, seeds.HASH)
-    else:
-        point_cloud(message)
+def _odometry(data: bytes, _: Path) -> None:
+    """A vehicle's pose."""
+    pose_matrix(deserialized(data, ODOMETRY).pose.pose)
 
 
 def _file(name: str, read: Callable[[Path], object]) -> Read:
@@ -127,7 +116,7 @@ def targets() -> dict[str, Target]:
     """Every target by its name."""
     found: dict[str, Target] = {
         'message': Target(lambda: [seeds.raw_message(), seeds.feature_message()], _message),
-        'wire': Target(lambda: [seeds.raw_message(), seeds.feature_message()], _wire),
+        'odometry': Target(lambda: [seeds.odometry()], _odometry),
         'weights': Target(lambda: [seeds.weights()], _weights),
         'weights record': Target(lambda: [b'{"sha256": "0"}'], _record),
         'nuscenes': Target(_tables, _nuscenes),

@@ -114,3 +114,22 @@ def test_the_node_outlives_a_flood_and_says_what_it_refused(rig, meeting):
         np.array([getattr(transforms[0].transform.translation, a) for a in 'xyz']),
     )
     assert np.linalg.norm(T[:3, 3] - meeting[2][:3, 3]) < 0.6
+
+
+@pytest.mark.parametrize(
+    'payload', [b'\0\1\0\3', b'\0\0\300\177', b'', b'\0\1\0\0\377\377\377\377']
+)
+def test_bytes_that_are_no_message_do_no_harm(rig, payload):
+    """Fast CDR reads past the first two and ends the process, most of the time."""
+    rig.add(RegistrarNode, registrar__turns=1, motion__odometry=True)
+    topics = {'/source/points': PointCloud2, '/source/odometry': Odometry}
+    publishers = [rig.node.create_publisher(kind, name, 1) for name, kind in topics.items()]
+    assert rig.until(lambda: all(p.get_subscription_count() for p in publishers))
+
+    def send():
+        for publisher in publishers:
+            publisher.publish(payload)
+
+    assert rig.until(lambda: rig.says('cannot read a message'), every=send, pause=0.1)
+    assert rig.until(lambda: 'cannot read' in rig.figures().get('source odometry', ''), every=send)
+    assert rig.figures()['state'] == 'active'
