@@ -21,7 +21,7 @@ import torch
 from jaxtyping import Float, Int32, Int64
 from torch import nn
 
-from gcl_core.ops.native.kpconv import influence_entries
+from gcl_core.ops.native.kpconv import gathered, influence_entries, inverted
 
 CHUNK_VALUES = 1 << 20  # features gathered at a time: bounds memory, whatever the size of a batch
 INFLUENCE_VALUES = 1 << 18  # distances computed at a time: they stay in the second-level cache
@@ -53,28 +53,30 @@ class Influences:
     @cached_property
     def inverse(self) -> Influences:
         """The same influences from the inputs' side: what the backward pass gathers by."""
+        found = inverted(self.start, self.column, self.value, self.kernel, self.num_inputs)
+        return Influences(*(found or self._by_sorting()), self.kernel, self.num_outputs)
+
+    def _by_sorting(self) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         row = torch.repeat_interleave(self.start.diff())
         output, kernel_point = row // self.kernel, row % self.kernel
         own = self.column.long() * self.kernel + kernel_point
         order = torch.argsort(own, stable=True)
         sizes = torch.bincount(own, minlength=self.num_inputs * self.kernel)
         start = torch.cat([sizes.new_zeros(1), sizes.cumsum(0)])
-        return Influences(
-            start, output[order].int(), self.value[order], self.kernel, self.num_outputs
-        )
+        return start, output[order].int(), self.value[order]
 
-    def chunks(self, channels: int) -> Iterator[tuple[slice, torch.Tensor]]:
-        """Output rows, and their part of the matrix, for so many features a point."""
-        size = max(1, CHUNK_VALUES // (self.kernel * max(1, channels)))
-        for first in range(0, self.num_outputs, size):
-            rows = slice(first, min(first + size, self.num_outputs))
-            start = self.start[rows.start * self.kernel : rows.stop * self.kernel + 1]
-            entries = slice(int(start[0]), int(start[-1]))
-            yield rows, self._matrix((start - start[0]).int(), entries)
+    def sums(self, x: Float[torch.Tensor, 'n c'], rows: slice) -> Float[torch.Tensor, 'r pc']:
+        """Features summed at each kernel point of these outputs."""
+        start = self.start[rows.start * self.kernel : rows.stop * self.kernel + 1]
+        summed = gathered(x, start, self.column, self.value)
+        if summed is None:
+            wide = x.to(torch.promote_types(x.dtype, torch.float32))
+            summed = (self._matrix(start).to(wide.dtype) @ wide).to(x.dtype)
+        return summed.view(rows.stop - rows.start, -1)
 
-    def _matrix(self, start: torch.Tensor, entries: slice) -> torch.Tensor:
-        shape = (len(start) - 1, self.num_inputs)
-        column, value = self.column[entries], self.value[entries]
+    def _matrix(self, start: torch.Tensor) -> torch.Tensor:
+        entries, shape = slice(int(start[0]), int(start[-1])), (len(start) - 1, self.num_inputs)
+        column, value, start = self.column[entries], self.value[entries], (start - start[0]).int()
         with warnings.catch_warnings():
             warnings.filterwarnings('ignore', message='Sparse CSR tensor support is in beta')
             return torch.sparse_csr_tensor(start, column, value, shape, check_invariants=False)
@@ -139,10 +141,10 @@ def gather(
     x: Float[torch.Tensor, 'n c'], felt: Influences
 ) -> Iterator[tuple[slice, Float[torch.Tensor, 'r pc']]]:
     """Features summed at each kernel point, a chunk of output rows at a time."""
-    wide = x.to(torch.promote_types(x.dtype, torch.float32))
-    for rows, matrix in felt.chunks(x.shape[1]):
-        summed = matrix.to(wide.dtype) @ wide
-        yield rows, summed.to(x.dtype).view(rows.stop - rows.start, -1)
+    size = max(1, CHUNK_VALUES // (felt.kernel * max(1, x.shape[1])))
+    for first in range(0, felt.num_outputs, size):
+        rows = slice(first, min(first + size, felt.num_outputs))
+        yield rows, felt.sums(x, rows)
 
 
 def convolve(

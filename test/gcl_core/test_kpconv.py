@@ -29,7 +29,8 @@ def felt_by(outputs, inputs, table):
 def engine(request, monkeypatch):
     """Both ways to compute."""
     if request.param == 'torch':
-        monkeypatch.setattr(kpconv, 'influence_entries', lambda *_: None)
+        for name in ('influence_entries', 'gathered', 'inverted'):
+            monkeypatch.setattr(kpconv, name, lambda *_: None)
         monkeypatch.setattr(neighbor_max, 'neighbor_max_rows', lambda *_: None)
     elif build.library() is None:
         pytest.skip('no C++ compiler')
@@ -84,6 +85,28 @@ def test_gradients(chunk, monkeypatch):
     features = torch.randn(9, 2, dtype=torch.float64, requires_grad=True)
     parameters = (features, conv.weight)
     assert torch.autograd.gradcheck(lambda x, _: conv(x, felt), parameters)
+
+
+@pytest.mark.skipif(build.library() is None, reason='no C++ compiler')
+@pytest.mark.parametrize('channels', [2, 16, 20, 64, 80])
+@pytest.mark.parametrize('dtype', [torch.float32, torch.bfloat16])
+def test_compiled_is_torch_forwards_and_backwards(channels, dtype, monkeypatch):
+    outputs, inputs, table = scene(120, 150)
+    conv, generator = KPConv(channels, 48, 15), torch.Generator().manual_seed(4)
+    features = torch.randn(150, channels, generator=generator).to(dtype).requires_grad_()
+    weight = torch.randn(120, 48, generator=generator).to(dtype)
+
+    def both():
+        out = conv(features, felt_by(outputs, inputs, table))
+        return out, *torch.autograd.grad((out * weight).sum(), [features, conv.weight])
+
+    compiled = both()
+    for name in ('influence_entries', 'gathered', 'inverted'):
+        monkeypatch.setattr(kpconv, name, lambda *_: None)
+    for ours, theirs in zip(compiled, both(), strict=True):
+        assert ours.dtype == theirs.dtype
+        error = (ours - theirs).float().norm() / theirs.float().norm()
+        assert float(error) < (1e-5 if dtype == torch.float32 else 1e-2)
 
 
 def test_bfloat16_is_near_float32():

@@ -44,6 +44,51 @@ def influence_entries(
     return start, column, value
 
 
+def gathered(
+    x: Float[torch.Tensor, 'n c'],
+    start: Int64[torch.Tensor, ' r+1'],
+    column: Int32[torch.Tensor, ' e'],
+    value: Float[torch.Tensor, ' e'],
+) -> Float[torch.Tensor, 'r c'] | None:
+    """Weighted sums of features: rows of a sparse matrix; `start` counts through all of it."""
+    suffix = SUFFIX.get(x.dtype)
+    plain = suffix and value.dtype == torch.float32 and not x.is_cuda
+    lib = library() if plain else None
+    if lib is None:
+        return None
+    x, start = x.contiguous(), start.contiguous()
+    out = x.new_empty(len(start) - 1, x.shape[1])
+    getattr(lib, f'gcl_gather_{suffix}')(
+        *(_at(x), ctypes.c_int64(x.shape[1]), _at(start), ctypes.c_int64(len(out))),
+        *(_at(column), _at(value), _at(out), ctypes.c_int(torch.get_num_threads())),
+    )
+    return out
+
+
+def inverted(
+    start: Int64[torch.Tensor, ' r+1'],
+    column: Int32[torch.Tensor, ' e'],
+    value: Float[torch.Tensor, ' e'],
+    kernel: int,
+    num_inputs: int,
+) -> (
+    tuple[Int64[torch.Tensor, ' s+1'], Int32[torch.Tensor, ' e'], Float[torch.Tensor, ' e']] | None
+):
+    """Start, output and value of the influences from the inputs' side."""
+    lib = library() if value.dtype == torch.float32 and not value.is_cuda else None
+    if lib is None:
+        return None
+    num_outputs = (len(start) - 1) // kernel
+    ends = torch.zeros(num_inputs * kernel + 1, dtype=torch.long)
+    output, swapped = torch.empty_like(column), torch.empty_like(value)
+    arguments = _at(start), ctypes.c_int64(num_outputs), ctypes.c_int64(kernel), _at(column)
+    lib.gcl_invert(*arguments, None, _at(ends[1:]), None, None)
+    starts = ends.cumsum(0)
+    moving = starts.clone()
+    lib.gcl_invert(*arguments, _at(value), _at(moving), _at(output), _at(swapped))
+    return starts, output, swapped
+
+
 def neighbor_max_rows(
     x: Float[torch.Tensor, 'n c'], neighbors: Int32[torch.Tensor, 'm k']
 ) -> tuple[Float[torch.Tensor, 'm c'], Int32[torch.Tensor, 'm c']] | None:

@@ -1,11 +1,11 @@
-// One instruction's worth of a matrix product, in float32 and bfloat16.
+// Numbers of the kernels: float32 and bfloat16, and one instruction's worth of their products.
 
 #pragma once
 
 #include <cstdint>
 #include <cstring>
 
-#if defined(__AVX512BF16__)
+#if defined(__AVX512F__)
 #include <immintrin.h>
 #endif
 
@@ -21,6 +21,35 @@ constexpr int WIDE = 2;  // 6 x 2 sums in 16 registers
 
 typedef float Vector __attribute__((vector_size(4 * LANES), aligned(4), may_alias));
 typedef uint16_t bfloat16;
+
+inline float widen(float value) { return value; }
+inline float widen(bfloat16 value) {
+    uint32_t bits = uint32_t(value) << 16;
+    float out;
+    std::memcpy(&out, &bits, 4);
+    return out;
+}
+inline void narrow(float value, float& out) { out = value; }
+inline void narrow(float value, bfloat16& out) {  // to nearest, ties to even; NaN stays NaN
+    uint32_t bits;
+    std::memcpy(&bits, &value, 4);
+    out = value != value ? 0x7FC0 : bfloat16((bits + 0x7FFF + ((bits >> 16) & 1)) >> 16);
+}
+
+// LANES numbers to and from float32.
+inline Vector load(const float* from) { return *reinterpret_cast<const Vector*>(from); }
+typedef uint16_t Half __attribute__((vector_size(2 * LANES), aligned(2), may_alias));
+typedef uint32_t Bits __attribute__((vector_size(4 * LANES)));
+inline Vector load(const bfloat16* from) {
+    return (Vector)(__builtin_convertvector(*reinterpret_cast<const Half*>(from), Bits) << 16);
+}
+inline void store(Vector value, float* to) { *reinterpret_cast<Vector*>(to) = value; }
+inline void store(Vector value, bfloat16* to) {  // as `narrow`
+    const Bits bits = (Bits)value;
+    const Bits rounded = (bits + 0x7FFF + ((bits >> 16) & 1)) >> 16;
+    const Bits chosen = value != value ? Bits{} + 0x7FC0 : rounded;
+    *reinterpret_cast<Half*>(to) = __builtin_convertvector(chosen, Half);
+}
 
 // STEP consecutive input channels are multiplied by one instruction.
 template <class T> struct Product;

@@ -18,20 +18,6 @@ constexpr int PAIRS = 6;                   // rows of a register block
 constexpr long TILE_BYTES = 192 * 1024;    // of float32 sums: a share of the second-level cache
 constexpr long WEIGHT_GRAD_PAIRS = 256;    // pairs packed at a time: 256 x 128 bf16 are 64 kB
 
-inline float widen(float value) { return value; }
-inline float widen(bfloat16 value) {
-    uint32_t bits = uint32_t(value) << 16;
-    float out;
-    std::memcpy(&out, &bits, 4);
-    return out;
-}
-inline void narrow(float value, float& out) { out = value; }
-inline void narrow(float value, bfloat16& out) {  // to nearest, ties to even; NaN stays NaN
-    uint32_t bits;
-    std::memcpy(&bits, &value, 4);
-    out = value != value ? 0x7FC0 : bfloat16((bits + 0x7FFF + ((bits >> 16) & 1)) >> 16);
-}
-
 inline long round_up(long value, long to) { return (value + to - 1) / to * to; }
 inline long padded_width(long channels) { return round_up(channels, NARROW * LANES); }
 
