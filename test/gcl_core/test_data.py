@@ -1,4 +1,4 @@
-"""Readers on small trees in the real layout, written here."""
+"""Clouds on disk, simulated scans, and pairs of them."""
 
 import numpy as np
 import pytest
@@ -11,49 +11,6 @@ from gcl_core.data.simulator.sensors import sensor_named
 from gcl_core.data.simulator.sequence import SimulatedSequence
 from gcl_core.errors import GclError
 from gcl_core.types import PointCloud
-
-
-@pytest.fixture
-def kitti(tmp_path):
-    """Three scans 10 m apart along LiDAR x; the camera looks along it."""
-    folder = tmp_path / 'sequences' / '05'
-    (folder / 'velodyne').mkdir(parents=True)
-    (tmp_path / 'poses').mkdir()
-    rng = np.random.default_rng(0)
-    for i in range(3):
-        rng.normal(size=(20, 4)).astype(np.float32).tofile(folder / 'velodyne' / f'{i:06d}.bin')
-    (folder / 'calib.txt').write_text(
-        'P0: 1 0 0 0 0 1 0 0 0 0 1 0\nTr: 0 -1 0 0.1 0 0 -1 0.2 1 0 0 -0.3\n'
-    )
-    (folder / 'times.txt').write_text('0.0\n0.1\n0.2\n')
-    (tmp_path / 'poses' / '05.txt').write_text(
-        ''.join(f'1 0 0 0 0 1 0 0 0 0 1 {10 * i}\n' for i in range(3))
-    )
-    return tmp_path
-
-
-def test_kitti_poses_are_turned_to_lidar_axes(kitti):
-    sequence = KittiSequence(kitti, '05')
-    assert len(sequence) == 3
-    assert len(sequence.scan(1)) == 20
-    assert sequence.stamp(2) == pytest.approx(0.2)
-    T = se3.inverse(sequence.T_world_lidar(0)) @ sequence.T_world_lidar(2)
-    np.testing.assert_allclose(T[:3, 3], [20, 0, 0], atol=1e-9)
-
-
-@pytest.mark.parametrize(
-    ('breakage', 'message'),
-    [
-        (lambda r: (r / 'sequences/05/velodyne/000001.bin').unlink(), '2 scans but 3 poses'),
-        (lambda r: (r / 'poses/05.txt').unlink(), 'no file .*05.txt'),
-        (lambda r: (r / 'sequences/05/calib.txt').write_text('P0: 1\n'), 'no line `Tr:`'),
-        (lambda r: (r / 'poses/05.txt').write_text('1 2 3\n' * 3), 'expected 12 numbers'),
-    ],
-)
-def test_broken_kitti_trees_are_named(kitti, breakage, message):
-    breakage(kitti)
-    with pytest.raises(GclError, match=message):
-        KittiSequence(kitti, '05')
 
 
 def test_real_sequence_reads(real_root):
