@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import torch
 
+from gcl_core.data.clouds import write_cloud
+from gcl_core.data.sequence import Sequence
 from gcl_core.data.simulator.sequence import SimulatedSequence
 from gcl_core.models import zoo
 from gcl_core.models.backbone import Backbone
@@ -22,6 +26,20 @@ REAL = Path(os.environ.get('GCL_REAL_DATA', Path(__file__).parents[2] / 'shared/
 def drive() -> SimulatedSequence:
     """A street that training never sees."""
     return SimulatedSequence(3)
+
+
+@pytest.fixture(scope='session')
+def write_folder() -> Callable[[Path, Sequence, Iterable[int]], None]:
+    """Function that writes some scans of a drive into a folder, their poses beside them."""
+    return _write_folder
+
+
+def _write_folder(folder: Path, sequence: Sequence, indices: Iterable[int]) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    for i in indices:
+        write_cloud(folder / f'{i}.npy', sequence.scan(i))
+    poses = [sequence.T_world_lidar(i)[:3].ravel() for i in indices]
+    np.savetxt(folder / 'poses.txt', poses)
 
 
 @pytest.fixture(scope='session')

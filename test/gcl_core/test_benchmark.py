@@ -13,7 +13,6 @@ from gcl_core import se3
 from gcl_core.bench import results as bench
 from gcl_core.cli.main import main
 from gcl_core.config import load_config
-from gcl_core.data.clouds import write_cloud
 from gcl_core.errors import GclError
 from gcl_core.evaluation import metrics
 from gcl_core.evaluation.benchmark import BenchmarkConfig, Ours, PairsConfig, SourceConfig
@@ -31,15 +30,10 @@ GIVE = ('accepted', 'best')
 
 
 @pytest.fixture(scope='module')
-def data(tmp_path_factory, drive):
+def data(tmp_path_factory, drive, write_folder):
     """A folder of four scans with poses, a list of three pairs, and a benchmark of them."""
     path = tmp_path_factory.mktemp('benchmark') / 'drive'
-    path.mkdir()
-    scans = (90, 91, 92, 112)
-    for i in scans:
-        write_cloud(path / f'{i}.npy', drive.scan(i))
-    rows = [' '.join(map(str, drive.T_world_lidar(i)[:3].ravel())) for i in scans]
-    (path / 'poses.txt').write_text('\n'.join(rows))
+    write_folder(path, drive, (90, 91, 92, 112))
     lines = [f'drive {source} {target}' for source, target in PAIRS]
     (path.parent / 'list.txt').write_text('\n'.join(lines))
     (path.parent / 'bench.yaml').write_text(

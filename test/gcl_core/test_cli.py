@@ -96,15 +96,10 @@ def test_evaluate_prints_a_table(tmp_path, pair, capsys):
 
 
 @pytest.fixture(scope='module')
-def folder(tmp_path_factory, drive):
+def folder(tmp_path_factory, drive, write_folder):
     """A plain folder of scans 5 m apart, with poses."""
     path = tmp_path_factory.mktemp('drives') / 'a'
-    path.mkdir()
-    lines = []
-    for i in range(20, 165, 5):
-        write_cloud(path / f'{i}.npy', drive.scan(i))
-        lines.append(' '.join(str(x) for x in drive.T_world_lidar(i)[:3].ravel()))
-    (path / 'poses.txt').write_text('\n'.join(lines))
+    write_folder(path, drive, range(20, 165, 5))
     return path
 
 

@@ -170,18 +170,14 @@ def test_poses_that_do_not_fit_are_told(name, registrar, monkeypatch):
         FIGURES[name](registrar, {'a': tower}, seed=0)
 
 
-def test_a_command_draws_one(tmp_path, capsys, monkeypatch):
+def test_a_command_draws_one(tmp_path, capsys, monkeypatch, write_folder):
     monkeypatch.setattr(drift, 'CENTRES', 1)
     torch.manual_seed(0)
     tiny = ResUNetConfig(encoder=(4, 6, 8, 8), decoder=(8, 8, 8), head=8, descriptor=8)
     zoo.save_weights(tmp_path / 'pairs.safetensors', zoo.build(tiny), {})
     clouds, out = tmp_path / 'clouds', tmp_path / 'drift.svg'
     corridor = Corridor(40.0)
-    clouds.mkdir()
-    for i in range(len(corridor)):
-        np.save(clouds / f'{i:02d}.npy', corridor.scan(i).points)
-    poses = [corridor.T_world_lidar(i)[:3].ravel() for i in range(len(corridor))]
-    np.savetxt(clouds / 'poses.txt', poses)
+    write_folder(clouds, corridor, range(len(corridor)))
     arguments = ['drift', '--data', str(clouds), '--out', str(out)]
     assert main([*arguments, '--baseline', str(tmp_path / 'pairs.safetensors')]) == 0
     rows = json.loads(out.with_suffix('.json').read_text())['rows']

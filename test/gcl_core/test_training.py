@@ -124,12 +124,9 @@ def test_a_batch_that_cannot_be_shared_is_refused():
         Processes(rank=0, count=2).share(3)
 
 
-def test_recorded_drives_and_pair_stages(tmp_path):
+def test_recorded_drives_and_pair_stages(tmp_path, write_folder):
     street = SimulatedSequence(5, sensor='hdl32e', span=60.0, spacing=2.0)
-    for i in range(len(street)):
-        np.save(tmp_path / f'{i:03d}.npy', street.scan(i).points)
-    poses = [street.T_world_lidar(i)[:3].ravel() for i in range(len(street))]
-    np.savetxt(tmp_path / 'poses.txt', poses)
+    write_folder(tmp_path, street, range(len(street)))
     samples = SampleConfig(data=str(tmp_path), phi=2, pair_stages=((5, 10), (20, 25)))
     stream = list(SampleStream(samples, CONFIG.network, 1, range(4), 4))
     away = [np.linalg.norm(sample.T_centre_scan[1, :3, 3]) for sample in stream]

@@ -3,7 +3,6 @@ import pytest
 
 from gcl_core import se3
 from gcl_core.cli.main import main
-from gcl_core.data.clouds import write_cloud
 from gcl_core.data.pair_list import read_pair_list
 from gcl_core.errors import GclError
 from gcl_core.types import PointCloud
@@ -99,13 +98,8 @@ def test_bag_from_simulator_pairs(tmp_path):
     assert len(read(tmp_path / 'b')) == 3
 
 
-def test_bag_from_a_folder_names_its_pairs(tmp_path, drive, capsys):
-    (tmp_path / 'scans').mkdir()
-    poses = []
-    for i in (90, 97):
-        write_cloud(tmp_path / f'scans/{i}.npy', drive.scan(i))
-        poses.append(' '.join(str(x) for x in drive.T_world_lidar(i)[:3].ravel()))
-    (tmp_path / 'scans/poses.txt').write_text('\n'.join(poses))
+def test_bag_from_a_folder_names_its_pairs(tmp_path, drive, capsys, write_folder):
+    write_folder(tmp_path / 'scans', drive, (90, 97))
     arguments = ['bag', 'from-data', str(tmp_path / 'scans'), str(tmp_path / 'b')]
     assert main([*arguments, '--distance', '6']) == 0
     (encounter,) = read_encounters(tmp_path / 'b')
@@ -134,14 +128,11 @@ def test_info_tells_topics_pairs_and_distances(tmp_path, encounter, capsys):
     assert main(['bag', 'info', str(tmp_path / 'none')]) == 2
 
 
-def test_from_folder_and_from_nuscenes_name_their_layout(tmp_path, drive, capsys):
+def test_from_folder_and_from_nuscenes_name_their_layout(tmp_path, drive, capsys, write_folder):
     (tmp_path / 'scans').mkdir()
     arguments = [str(tmp_path / 'scans'), str(tmp_path / 'b'), '--distance', '5']
     assert main(['bag', 'from-nuscenes', *arguments]) == 2
     assert 'v1.0' in capsys.readouterr().err
-    for i in (90, 97):
-        write_cloud(tmp_path / f'scans/{i}.npy', drive.scan(i))
-    poses = [drive.T_world_lidar(i)[:3].ravel() for i in (90, 97)]
-    np.savetxt(tmp_path / 'scans/poses.txt', poses)
+    write_folder(tmp_path / 'scans', drive, (90, 97))
     assert main(['bag', 'from-folder', *arguments]) == 0
     assert 'wrote 1 pairs' in capsys.readouterr().out
