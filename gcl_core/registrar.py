@@ -231,18 +231,15 @@ class Registrar:
         Returns the best distinct hypotheses between the views, most support first, and how many
         correspondences there were at all headings.
         """
-        config = self.config
-        max_yaw = self.max_heading(len(source.headings))
-        found, offered = [], 0
-        for features, T_turned_view in zip(source.headings, source.turns):
-            with watch('match'):
-                matches = match(source=features, target=target.headings[0], config=config.match)
-            offered += len(matches)
-            with watch('estimate'):
-                for h in estimate(matches, config.estimator, max_yaw=max_yaw):
-                    T = h.T_target_source @ T_turned_view
-                    found.append(Hypothesis(T, h.score, h.inliers))
-        return ranked(found, config.verify.hypotheses), offered
+        found, offered = search_headings(
+            source.headings,
+            source.turns,
+            target.headings[0],
+            self.config,
+            max_yaw=self.max_heading(len(source.headings)),
+            watch=watch,
+        )
+        return ranked(found, self.config.verify.hypotheses), offered
 
     def scene(self, *, source: View, target: View) -> Scene:
         """What hypotheses about a pair are checked against."""
@@ -319,6 +316,40 @@ def between_lidars(result: Registration, *, source: View, target: View) -> Regis
         T_target_source=None if T is None else T_lidar_view @ T @ source.T_view_lidar,
         covariance=covariance,
     )
+
+
+def search_headings(
+    headings: list[Features],
+    turns: Float[torch.Tensor, 'turns 4 4'],
+    target: Features,
+    config: RegistrarConfig,
+    *,
+    max_yaw: float,
+    watch: Stopwatch,
+) -> tuple[list[Hypothesis], int]:
+    """Match and estimate at every heading.
+
+    Args:
+        headings: features of the source in the frames turned by `turns`.
+        turns: T_turned_source of each heading.
+        target: features of the target.
+        config: settings of match and estimator.
+        max_yaw: largest heading that is left between a turned source and the target, radians.
+        watch: times both.
+
+    Returns:
+        Hypotheses in the order of headings, and how many correspondences there were.
+    """
+    found, offered = [], 0
+    for features, T_turned_source in zip(headings, turns, strict=True):
+        with watch('match'):
+            matches = match(source=features, target=target, config=config.match)
+        offered += len(matches)
+        with watch('estimate'):
+            for h in estimate(matches, config.estimator, max_yaw=max_yaw):
+                T = h.T_target_source @ T_turned_source
+                found.append(Hypothesis(T, h.score, h.inliers))
+    return found, offered
 
 
 class Stopwatch:

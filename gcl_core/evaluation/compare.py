@@ -12,12 +12,11 @@ import torch
 from jaxtyping import Float
 
 from gcl_core import se3
-from gcl_core.estimation.estimators import estimate
 from gcl_core.estimation.refine import prepare, refine
 from gcl_core.evaluation.peers import fpfh_features
 from gcl_core.evaluation.predict import Outcome
-from gcl_core.matching.match import MatchConfig, match
-from gcl_core.registrar import Registrar, RegistrarConfig
+from gcl_core.matching.match import MatchConfig
+from gcl_core.registrar import Registrar, RegistrarConfig, Stopwatch, search_headings
 from gcl_core.types import Features, PointCloud
 
 PAPER = 'paper'  # Open3D's RANSAC on the paper's matches: one-way, 5,000 random key points
@@ -54,14 +53,17 @@ class Described:
 
 def best_hypothesis(pair: Described, config: RegistrarConfig) -> Float[np.ndarray, '4 4'] | None:
     """Match and estimate at every heading; T_target_source of most support."""
-    found: list[tuple[float, torch.Tensor]] = []
-    for features, turn in zip(pair.headings, pair.turns, strict=True):
-        matches = match(source=features, target=pair.target, config=config.match)
-        for h in estimate(matches, config.estimator, max_yaw=pair.max_yaw):
-            found.append((h.score, h.T_target_source @ turn))
+    found, _ = search_headings(
+        pair.headings,
+        pair.turns,
+        pair.target,
+        config,
+        max_yaw=pair.max_yaw,
+        watch=Stopwatch(),
+    )
     if not found:
         return None
-    T = max(found, key=lambda entry: entry[0])[1].numpy()
+    T = max(found, key=lambda hypothesis: hypothesis.score).T_target_source.numpy()
     return np.asarray(se3.inverse(pair.T_turned_target) @ T)
 
 
