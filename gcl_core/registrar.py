@@ -92,7 +92,7 @@ class View:
 
     Attributes:
         T_view_lidar: turns the scan to its street; all else is in the frame that it leads to.
-        headings: features in the frames turned by `turns`.
+        headings: features in the frames turned by `turns`; none yet of `undescribed`.
         turns: T_turned_view of each heading; the identity alone where it is a target.
         surface: for checks.
         prepared: for refinement.
@@ -105,6 +105,25 @@ class View:
     surface: Surface
     prepared: Prepared
     points: int
+
+
+def undescribed(
+    cloud: PointCloud, T_view_lidar: Float[np.ndarray, '4 4'], config: RefineConfig
+) -> View:
+    """All of a view that does not depend on headings.
+
+    Raises:
+        GclError: no point lies within 80 m.
+    """
+    cloud = PointCloud(se3.transform(T_view_lidar, cloud.points))
+    return View(
+        T_view_lidar=T_view_lidar,
+        headings=[],
+        turns=torch.empty(0, 4, 4, dtype=torch.float64),
+        surface=surface(cloud),
+        prepared=prepare(cloud, config),
+        points=len(cloud),
+    )
 
 
 def calibration_file(weights: str) -> Path:
@@ -140,7 +159,7 @@ class Registrar:
         *,
         turns: int = 1,
         yaw: float = 0.0,
-        T_view_lidar: Float[np.ndarray, '4 4'] | None = None,
+        known: View | None = None,
     ) -> View:
         """Describe a scan at evenly spaced headings, and prepare it for checks and refinement.
 
@@ -149,23 +168,22 @@ class Registrar:
             turns: how many headings.
             yaw: of the first turn, radians: where the target's view is known to be turned so
                 against this one's, one heading is enough.
-            T_view_lidar: of `model.facing(cloud)`, where it is known already.
+            known: another view of this scan; what it has of this one is not made again.
 
         Raises:
             GclError: no point lies within the network's range.
         """
-        if T_view_lidar is None:
-            T_view_lidar = self.model.facing(cloud)
-        cloud = PointCloud(se3.transform(T_view_lidar, cloud.points))
+        known = known or undescribed(cloud, self.model.facing(cloud), self.config.refine)
+        points = se3.transform(known.T_view_lidar, cloud.points)
         matrices = [se3.from_xyz_rpy(yaw=yaw + 2 * np.pi * k / turns) for k in range(turns)]
-        turned = [PointCloud(se3.transform(T, cloud.points)) for T in matrices]
-        return View(
-            T_view_lidar=T_view_lidar,
-            headings=[self.model.describe([c])[0] for c in turned],
+        made = {T.numpy().tobytes(): f for T, f in zip(known.turns, known.headings)}
+        for T in matrices:
+            if T.tobytes() not in made:
+                (made[T.tobytes()],) = self.model.describe([PointCloud(se3.transform(T, points))])
+        return replace(
+            known,
+            headings=[made[T.tobytes()] for T in matrices],
             turns=torch.from_numpy(np.stack(matrices)),
-            surface=surface(cloud),
-            prepared=prepare(cloud, self.config.refine),
-            points=len(cloud),
         )
 
     def register(self, *, source: PointCloud, target: PointCloud) -> Registration:
@@ -176,12 +194,13 @@ class Registrar:
         """
         watch = Stopwatch()
         with watch('describe'):
-            seen, facing = self.view(target), self.model.facing(source)
-            same_way = se3.yaw(seen.T_view_lidar @ se3.inverse(facing))
+            seen = self.view(target)
+            view = undescribed(source, self.model.facing(source), self.config.refine)
+        same_way = se3.yaw(seen.T_view_lidar @ se3.inverse(view.T_view_lidar))
+        yaw = same_way if self.config.turns == 1 else 0.0
         for turns in self.config.looks:
             with watch('describe'):
-                yaw = same_way if self.config.turns == 1 else 0.0
-                view = self.view(source, turns=turns, yaw=yaw, T_view_lidar=facing)
+                view = self.view(source, turns=turns, yaw=yaw, known=view)
             result = self.register_views(source=view, target=seen, watch=watch)
             if result.accepted:
                 break

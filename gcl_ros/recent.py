@@ -22,7 +22,7 @@ class Recent(Generic[V]):
         self._kept: list[tuple[tuple[Any, ...], V]] = []
 
     def get(self, key: tuple[Any, ...], make: Callable[[], V]) -> V:
-        """The result for the same objects and numbers, made if it is not kept."""
+        """The result for the same objects, made if it is not kept."""
         with self._lock:
             entry = next((e for e in self._kept if _same(e[0], key)), None)
         if entry is None:
@@ -33,4 +33,4 @@ class Recent(Generic[V]):
 
 
 def _same(key: tuple[Any, ...], other: tuple[Any, ...]) -> bool:
-    return all(a is b or (isinstance(a, int) and a == b) for a, b in zip(key, other, strict=True))
+    return all(a is b for a, b in zip(key, other, strict=True))

@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
 from jaxtyping import Float
 
 from gcl_core import se3
-from gcl_core.estimation.refine import prepare
-from gcl_core.estimation.surface import surface
-from gcl_core.registrar import Registrar, RegistrarConfig, View
+from gcl_core.registrar import Registrar, View, undescribed
 from gcl_core.types import PointCloud
 from gcl_ros.feature_cloud import Described
 from gcl_ros.recent import Recent
 
-KEPT = 4  # views that are kept for the next pair
+KEPT = 4  # scans whose views are kept for the next pair
 STEPS = 36  # a known heading is rounded to 10 degrees, so that views can be kept; they bear 16
 
 
@@ -80,7 +78,7 @@ class Views:
 
     def __init__(self, registrar: Registrar) -> None:
         self._registrar = registrar
-        self._kept: Recent[View] = Recent(KEPT)
+        self._kept: Recent[dict[Look, View]] = Recent(KEPT)
         self._helper = ThreadPoolExecutor(1, thread_name_prefix='views')
 
     def both(self, still: Scan, turned: Scan, look: Look) -> tuple[View, View]:
@@ -103,27 +101,25 @@ class Views:
             GclError: it has no point within the network's range.
         """
         config = self._registrar.config
-        key = (scan, look.turns, look.step, config)
-        return self._kept.get(key, lambda: self._make(scan, look, config))
+        views = self._kept.get((scan, config), dict[Look, View])
+        if look not in views:
+            last = next(reversed(views.values()), None)
+            known = last or undescribed(scan.cloud, scan.T_view_lidar, config.refine)
+            views[look] = self._make(scan, look, known)
+        return views[look]
 
-    def _make(self, scan: Scan, look: Look, config: RegistrarConfig) -> View:
+    def _make(self, scan: Scan, look: Look, known: View) -> View:
         if scan.described is None:
-            return self._registrar.view(
-                scan.cloud, turns=look.turns, yaw=look.yaw, T_view_lidar=scan.T_view_lidar
-            )
+            return self._registrar.view(scan.cloud, turns=look.turns, yaw=look.yaw, known=known)
         own = se3.yaw(scan.T_view_lidar)
         offered = np.array(scan.described.yaws) - own
         wanted = look.yaw + 2 * np.pi * np.arange(look.turns) / look.turns
         off = np.abs(np.angle(np.exp(1j * (wanted[:, None] - offered))))
         rows = list(dict.fromkeys(off.argmin(1).tolist()))
-        cloud = PointCloud(se3.transform(scan.T_view_lidar, scan.cloud.points))
-        return View(
-            T_view_lidar=scan.T_view_lidar,
+        return replace(
+            known,
             headings=[scan.described.headings[row] for row in rows],
             turns=torch.from_numpy(np.stack([se3.from_xyz_rpy(yaw=offered[r]) for r in rows])),
-            surface=surface(cloud),
-            prepared=prepare(cloud, config.refine),
-            points=len(cloud),
         )
 
     def close(self) -> None:

@@ -1,5 +1,7 @@
 """The shipped weights on streets they never saw, and on real scans where present."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -98,6 +100,26 @@ def test_unrelated_streets_are_refused(registrar, drive):
     assert not result.accepted
     assert result.reason
     assert result.probability < 0.5
+
+
+def test_a_second_look_describes_only_what_the_first_did_not(registrar, drive, monkeypatch):
+    """And comes to what one look at all headings comes to, to the bit."""
+    pair = {'source': SimulatedSequence(8).scan(60), 'target': drive.scan(90)}
+    described, describe = [], registrar.model.describe
+    monkeypatch.setattr(
+        registrar.model, 'describe', lambda clouds: described.append(1) or describe(clouds)
+    )
+    twice = registrar.register(**pair)
+    assert len(described) == 1 + registrar.config.turns
+    views = {
+        'source': registrar.view(pair['source'], turns=registrar.config.turns),
+        'target': registrar.view(pair['target']),
+    }
+    once = registrar.register_views(**views)
+    assert np.array_equal(twice.T_target_source, once.T_target_source)
+    assert replace(twice, T_target_source=None, ms={}) == replace(
+        once, T_target_source=None, ms={}
+    )
 
 
 def test_scan_out_of_range_is_named(same_heading, drive):

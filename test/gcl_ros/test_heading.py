@@ -104,3 +104,11 @@ def test_what_was_prepared_is_not_made_again(exchange, turned):
     registered = exchange.register(source=scans[0], target=scans[1], yaw=yaw)
     assert registered.source is kept[0]
     assert registered.target is kept[1]
+
+
+def test_a_second_look_takes_over_what_the_first_made(exchange, turned):
+    scan = exchange.raw(turned[0])
+    first, second = (exchange._views.get(scan, Look(turns)) for turns in (4, 12))
+    assert second.surface is first.surface
+    assert second.prepared is first.prepared
+    assert all(a is b for a, b in zip(first.headings, second.headings[::3], strict=True))

@@ -34,8 +34,8 @@ def test_recent_keeps_what_is_asked_for():
     recent, made = Recent(2), []
     keys = [object() for _ in range(3)]
 
-    def get(key, turns=1):
-        return recent.get((key, turns), lambda: made.append(key) or len(made))
+    def get(key, other=keys[0]):
+        return recent.get((key, other), lambda: made.append(key) or len(made))
 
     assert [get(keys[0]), get(keys[1]), get(keys[0]), get(keys[2]), get(keys[0])] == [
         1,
@@ -45,7 +45,7 @@ def test_recent_keeps_what_is_asked_for():
         1,
     ]
     assert get(keys[1]) == 4
-    assert get(keys[1], turns=6) == 5
+    assert get(keys[1], other=keys[2]) == 5
 
 
 @pytest.mark.parametrize('names', [(), ('a', 'a'), ('a', 'target'), ('a b',), ('/a',)])
