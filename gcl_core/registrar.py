@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
@@ -33,6 +30,7 @@ from gcl_core.estimation.surface import Surface, surface
 from gcl_core.matching.match import MatchConfig, match
 from gcl_core.models import zoo
 from gcl_core.ops.native.kernels import kernels_for
+from gcl_core.stopwatch import Stopwatch
 from gcl_core.types import Features, PointCloud, Registration
 
 FEWEST_KEY_POINTS = 100  # anything fits a handful of points
@@ -369,23 +367,3 @@ def search_headings(
                 T = h.T_target_source @ T_turned_source
                 found.append(Hypothesis(T, h.score, h.inliers))
     return found, offered
-
-
-class Stopwatch:
-    """Adds up milliseconds by stage name."""
-
-    def __init__(self) -> None:
-        self._began = time.perf_counter()
-        self._ms: dict[str, float] = {}
-
-    @contextmanager
-    def __call__(self, stage: str) -> Iterator[None]:
-        """Time a block; a stage may come several times."""
-        began = time.perf_counter()
-        yield
-        self._ms[stage] = self._ms.get(stage, 0.0) + 1e3 * (time.perf_counter() - began)
-
-    def stop(self) -> dict[str, float]:
-        """Return the stages and `total`, the time since the watch was made."""
-        total = 1e3 * (time.perf_counter() - self._began)
-        return {stage: round(ms, 1) for stage, ms in {**self._ms, 'total': total}.items()}

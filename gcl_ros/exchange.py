@@ -22,7 +22,8 @@ from jaxtyping import Float
 from gcl_core import se3
 from gcl_core.errors import GclError
 from gcl_core.evaluation.agreement import agreeing
-from gcl_core.registrar import Registrar, Stopwatch, View
+from gcl_core.registrar import Registrar, View
+from gcl_core.stopwatch import Stopwatch
 from gcl_core.types import Correspondences, PointCloud, Registration
 from gcl_ros.conversions import point_cloud
 from gcl_ros.feature_cloud import feature_cloud, is_feature_cloud, weights_hash

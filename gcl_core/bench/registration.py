@@ -26,7 +26,8 @@ from gcl_core.estimation.surface import surface
 from gcl_core.matching.keypoints import choose
 from gcl_core.matching.match import match
 from gcl_core.ops.memory import keep_freed_memory
-from gcl_core.registrar import Registrar, RegistrarConfig, Stopwatch
+from gcl_core.registrar import Registrar, RegistrarConfig
+from gcl_core.stopwatch import Stopwatch
 from gcl_core.types import PointCloud
 
 SEED = 900  # of the street; training takes other worlds

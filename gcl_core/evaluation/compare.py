@@ -16,7 +16,8 @@ from gcl_core.estimation.refine import prepare, refine
 from gcl_core.evaluation.peers import fpfh_features
 from gcl_core.evaluation.predict import Outcome
 from gcl_core.matching.match import MatchConfig
-from gcl_core.registrar import Registrar, RegistrarConfig, Stopwatch, search_headings
+from gcl_core.registrar import Registrar, RegistrarConfig, search_headings
+from gcl_core.stopwatch import Stopwatch
 from gcl_core.types import Features, PointCloud
 
 PAPER = 'paper'  # Open3D's RANSAC on the paper's matches: one-way, 5,000 random key points

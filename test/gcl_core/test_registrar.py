@@ -11,7 +11,8 @@ from gcl_core.data.kitti import KittiSequence
 from gcl_core.data.simulator.sequence import SimulatedSequence
 from gcl_core.errors import GclError
 from gcl_core.evaluation import metrics
-from gcl_core.registrar import Registrar, RegistrarConfig, Stopwatch
+from gcl_core.registrar import Registrar, RegistrarConfig
+from gcl_core.stopwatch import Stopwatch
 from gcl_core.types import PointCloud
 
 
