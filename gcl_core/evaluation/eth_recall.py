@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 import torch
@@ -17,6 +16,7 @@ from gcl_core.data.sequence import Sequence
 from gcl_core.errors import GclError
 from gcl_core.evaluation.compare import PAPER_MATCHES
 from gcl_core.evaluation.feature_metrics import TAU2, feature_match_recall, inlier_ratio
+from gcl_core.evaluation.figures.result import FigureResult, Row
 from gcl_core.evaluation.metrics import wilson
 from gcl_core.matching.match import match
 from gcl_core.registrar import Registrar
@@ -25,9 +25,7 @@ from gcl_core.types import Features, PointCloud
 TAU1 = 0.1  # metres between the points of a right match (paper)
 
 
-def eth_recall(
-    registrar: Registrar, sequences: Mapping[str, Sequence], *, seed: int = 0
-) -> dict[str, Any]:
+def eth_recall(registrar: Registrar, sequences: Mapping[str, Sequence]) -> FigureResult:
     """Score every pair that `gt.log` links; one row a scene, and their mean.
 
     Matches are those of the paper's registrations, one-way from 5,000 random key points; the paper
@@ -37,10 +35,6 @@ def eth_recall(
     Args:
         registrar: whose network describes.
         sequences: scenes of ETH.
-        seed: not needed: key points are drawn with a fixed one.
-
-    Returns:
-        `name`, `caption`, `rows`, `published`, and an empty `svg`, as analysis figures have them.
 
     Raises:
         GclError: a sequence is none of ETH.
@@ -51,11 +45,10 @@ def eth_recall(
     rows.append({'scene': 'mean', 'pairs': pairs, 'fmr_percent': mean})
     size = registrar.model.config.voxel_size
     caption = f'Feature-match recall at {TAU1:g} m and {100 * TAU2:g} %, voxels of {size:g} m.'
-    shown = {'name': 'eth_recall', 'caption': caption, 'svg': '', 'rows': rows}
-    return {**shown, 'published': 'The paper: table generalize_eth.'}
+    return FigureResult('eth_recall', caption, '', rows, 'The paper: table generalize_eth.')
 
 
-def _scene(registrar: Registrar, name: str, sequence: Sequence) -> dict[str, Any]:
+def _scene(registrar: Registrar, name: str, sequence: Sequence) -> Row:
     if not isinstance(sequence, EthSequence):
         raise GclError(f'{sequence.name} is no scene of ETH; give --data ETH_DIR')
 

@@ -14,7 +14,7 @@ from gcl_core.evaluation.benchmark import Ours
 from gcl_core.evaluation.cases import Case, case, worst
 from gcl_core.evaluation.contestants import registrar
 from gcl_core.evaluation.eth_recall import eth_recall
-from gcl_core.evaluation.figures import FIGURES
+from gcl_core.evaluation.figures import OF_FEATURES, OF_POSITIVES, compare
 from gcl_core.evaluation.page import Drawing, page
 from gcl_core.evaluation.plots import recall_over_distance, svg
 from gcl_core.evaluation.predict import Prediction
@@ -89,7 +89,9 @@ def gather(run: Run, predictions: Sequence[Prediction]) -> Results:
     figures = _figures(run)
     for figure in figures:
         svg_ = figure.pop('svg')
-        caption = f'{figure["method"]}. {figure["caption"]} {figure["published"]}'
+        caption = f'{figure["caption"]} {figure["published"]}'
+        if figure['method']:
+            caption = f'{figure["method"]}. {caption}'
         if svg_:
             drawings.append(Drawing(caption, svg_[svg_.index('<svg') :]))
         tables += [_figure_table(figure)] if figure['rows'] else []
@@ -121,19 +123,27 @@ def _plots(rows: list[Row], shown: list[Published]) -> Iterator[Drawing]:
 
 
 def _figures(run: Run) -> list[dict[str, Any]]:
-    """Draw the analysis figures with every one of our methods."""
-    known: dict[str, Callable[..., Any]] = {'eth_recall': eth_recall, **FIGURES}
-    for name in run.config.figures:
+    """Draw the analysis figures: of positives once, of features with every one of our methods."""
+    names, seed = run.config.figures, run.config.seed
+    known = ('eth_recall', *OF_POSITIVES, *OF_FEATURES)
+    for name in names:
         if name not in known:
             raise GclError(f'no figure {name!r}; there are {", ".join(known)}')
+    found = [
+        {**asdict(OF_POSITIVES[name](run.sequences, seed=seed)), 'method': ''}
+        for name in names
+        if name in OF_POSITIVES
+    ]
+    of_methods = [name for name in names if name not in OF_POSITIVES]
     ours = [method for method in run.config.methods if isinstance(method, Ours)]
-    found = []
-    for method in ours if run.config.figures else ():
+    for method in ours if of_methods else ():
         made = registrar(method)
-        for name in run.config.figures:
-            result = known[name](made, run.sequences, seed=run.config.seed)
-            values = result if isinstance(result, dict) else asdict(result)
-            found.append({**values, 'method': method.name})
+        for name in of_methods:
+            if name == 'eth_recall':
+                result = eth_recall(made, run.sequences)
+            else:
+                result = OF_FEATURES[name](compare(made, run.sequences, seed=seed))
+            found.append({**asdict(result), 'method': method.name})
     return found
 
 
@@ -144,7 +154,8 @@ def _figure_table(figure: dict[str, Any]) -> Table:
         for row in figure['rows']
     ]
     note = f'{figure["caption"]} {figure["published"]}'
-    return Table(f'{figure["name"]}, {figure["method"]}', head, cells, note)
+    title = ', '.join(filter(None, (figure['name'], figure['method'])))
+    return Table(title, head, cells, note)
 
 
 def _cases(run: Run, predictions: Sequence[Prediction]) -> Iterator[Case]:

@@ -2,6 +2,7 @@
 
 import json
 from functools import lru_cache
+from types import SimpleNamespace
 from xml.etree import ElementTree
 
 import numpy as np
@@ -10,11 +11,22 @@ import torch
 
 from gcl_core import se3
 from gcl_core.errors import GclError
-from gcl_core.evaluation.figures import FIGURES, correlation, drift, inliers, positives
+from gcl_core.evaluation.benchmark import BenchmarkConfig, Ours
+from gcl_core.evaluation.figures import (
+    OF_FEATURES,
+    OF_POSITIVES,
+    compare,
+    compared,
+    correlation,
+    drift,
+    inliers,
+    positives,
+)
 from gcl_core.evaluation.figures.__main__ import main
 from gcl_core.evaluation.figures.dependence import near_curve, roadside, shared_bits
 from gcl_core.evaluation.figures.sampling import draw_positives, two_members
 from gcl_core.evaluation.neighborhood import centres, neighborhood, neighborhoods
+from gcl_core.evaluation.report import gather
 from gcl_core.models import zoo
 from gcl_core.models.resunet import ResUNetConfig
 from gcl_core.registrar import Registrar
@@ -120,27 +132,33 @@ def test_features_that_name_their_spot_do_not_drift(corridor):
     assert np.median(sensors.drift) > 0.5 * sensors.unrelated
 
 
+def figure(name, registrar, sequences, seed):
+    if name in OF_POSITIVES:
+        return OF_POSITIVES[name](sequences, seed=seed)
+    return OF_FEATURES[name](compare(registrar, sequences, seed=seed))
+
+
 @pytest.fixture(scope='module')
 def drawn(corridor, registrar):
     """Each figure, drawn once, from few scans."""
     with pytest.MonkeyPatch.context() as patch:
-        for module in (drift, inliers, positives):
+        for module in (compared, positives):
             patch.setattr(module, 'CENTRES', 1)
         patch.setattr(correlation, 'BATCHES', 1)
         patch.setattr(inliers, 'PER_BIN', 1)
-        yield lru_cache(lambda name, run: FIGURES[name](registrar, {'a': corridor}, seed=1))
+        yield lru_cache(lambda name, run: figure(name, registrar, {'a': corridor}, seed=1))
 
 
-@pytest.mark.parametrize('name', FIGURES)
+@pytest.mark.parametrize('name', [*OF_POSITIVES, *OF_FEATURES])
 def test_a_figure_says_what_it_draws_and_is_the_same_again(name, drawn):
-    figure = drawn(name, 1)
-    assert figure.name == name
-    assert 'corridor/0' in figure.caption
-    assert figure.published.startswith(('Section', 'Figure', 'Appendix'))
-    assert ElementTree.fromstring(figure.svg).tag.endswith('svg')
-    assert ' m</text>' in figure.svg
-    assert json.loads(json.dumps(figure.rows)) == figure.rows
-    assert figure == drawn(name, 2)
+    found = drawn(name, 1)
+    assert found.name == name
+    assert 'corridor/0' in found.caption
+    assert found.published.startswith(('Section', 'Figure', 'Appendix'))
+    assert ElementTree.fromstring(found.svg).tag.endswith('svg')
+    assert ' m</text>' in found.svg
+    assert json.loads(json.dumps(found.rows)) == found.rows
+    assert found == drawn(name, 2)
 
 
 def test_pairs_depend_on_range_more_than_groups(drawn):
@@ -167,11 +185,22 @@ def test_poses_that_do_not_fit_are_told(name, registrar, monkeypatch):
     with pytest.raises(
         GclError, match=r'no neighbour sees a point of scan . of corridor/0; check'
     ):
-        FIGURES[name](registrar, {'a': tower}, seed=0)
+        figure(name, registrar, {'a': tower}, seed=0)
+
+
+def test_a_benchmark_draws_positives_once_for_all_methods(corridor, monkeypatch):
+    monkeypatch.setattr(positives, 'CENTRES', 1)
+    methods = (Ours(), Ours(name='other'))
+    config = BenchmarkConfig(pairs=(), methods=methods, figures=('positives',))
+    run = SimpleNamespace(config=config, sequences={'a': corridor}, drawn=[], provenance={})
+    results = gather(run, [])
+    assert [(f['name'], f['method']) for f in results.figures] == [('positives', '')]
+    assert [table.title for table in results.tables] == ['positives']
+    assert len(results.drawings) == 1
 
 
 def test_a_command_draws_one(tmp_path, capsys, monkeypatch, write_folder):
-    monkeypatch.setattr(drift, 'CENTRES', 1)
+    monkeypatch.setattr(compared, 'CENTRES', 1)
     torch.manual_seed(0)
     tiny = ResUNetConfig(encoder=(4, 6, 8, 8), decoder=(8, 8, 8), head=8, descriptor=8)
     zoo.save_weights(tmp_path / 'pairs.safetensors', zoo.build(tiny), {})

@@ -6,20 +6,19 @@ import argparse
 import json
 import sys
 from pathlib import Path
-from typing import Any
 
 from gcl_core.data.formats import open_sequences
 from gcl_core.data.sequence import Sequence
 from gcl_core.data.simulator.sequence import SimulatedSequence
 from gcl_core.errors import GclError
-from gcl_core.evaluation.figures import FIGURES, FigureResult
+from gcl_core.evaluation.figures import OF_FEATURES, OF_POSITIVES, FigureResult, compare
 from gcl_core.registrar import Registrar, RegistrarConfig
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Parse, draw, write; returns the exit code."""
     parser = argparse.ArgumentParser(prog='figures', description='Draw a figure of the paper.')
-    parser.add_argument('figure', choices=sorted(FIGURES))
+    parser.add_argument('figure', choices=sorted(OF_POSITIVES | OF_FEATURES))
     source = parser.add_mutually_exclusive_group(required=True)
     source.add_argument('--data', type=Path, help='data set, bag, or folder of clouds')
     source.add_argument(
@@ -47,13 +46,14 @@ def draw(options: argparse.Namespace) -> FigureResult:
     Raises:
         GclError: bad weights or data, a figure without a baseline, or no way to write.
     """
-    extra: dict[str, Any] = {}
-    if options.baseline:
-        if options.figure not in ('drift', 'inliers'):
-            raise GclError(f'{options.figure} describes no scan; leave --baseline out')
-        extra['baseline'] = options.baseline
-    registrar = Registrar(RegistrarConfig(weights=options.weights))
-    found = FIGURES[options.figure](registrar, _open(options), seed=options.seed, **extra)
+    name, seed, baseline = options.figure, options.seed, options.baseline
+    if name in OF_POSITIVES:
+        if baseline:
+            raise GclError(f'{name} describes no scan; leave --baseline out')
+        found = OF_POSITIVES[name](_open(options), seed=seed)
+    else:
+        registrar = Registrar(RegistrarConfig(weights=options.weights))
+        found = OF_FEATURES[name](compare(registrar, _open(options), seed=seed, baseline=baseline))
     rows = {'caption': found.caption, 'published': found.published, 'rows': found.rows}
     try:
         options.out.write_text(found.svg)

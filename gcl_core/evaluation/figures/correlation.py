@@ -27,7 +27,6 @@ from gcl_core.evaluation.figures.sampling import (
     draw_positives,
     two_members,
 )
-from gcl_core.registrar import Registrar
 
 BATCHES, BATCH = 3, 4  # columns of the paper's figure, and its batch size
 ON_CURVE = 2.0  # metres
@@ -41,9 +40,7 @@ PUBLISHED = (
 )
 
 
-def correlation_figure(
-    registrar: Registrar, sequences: Mapping[str, Sequence], *, seed: int = 0
-) -> FigureResult:
+def correlation_figure(sequences: Mapping[str, Sequence], *, seed: int = 0) -> FigureResult:
     """Draw positives of three batches, pair-wise above, group-wise below.
 
     Raises:

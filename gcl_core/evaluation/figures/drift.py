@@ -5,7 +5,6 @@ Paper, figures "Feature drift grows with increasing distance" and "Distribution 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -15,17 +14,14 @@ import torch
 from jaxtyping import Float
 from scipy.spatial import cKDTree
 
-from gcl_core.data.sequence import Sequence
 from gcl_core.evaluation.feature_metrics import feature_drift
 from gcl_core.evaluation.figures import result
-from gcl_core.evaluation.figures.describers import COLORS, Describe, describers
+from gcl_core.evaluation.figures.compared import COLORS, Compared, Describe
 from gcl_core.evaluation.figures.result import FigureResult, Row
 from gcl_core.evaluation.figures.sampling import shared_spots
-from gcl_core.evaluation.neighborhood import MAX_RANGE, Neighborhood, neighborhoods
-from gcl_core.registrar import Registrar
+from gcl_core.evaluation.neighborhood import MAX_RANGE, Neighborhood
 from gcl_core.types import Features, PositiveGroups
 
-CENTRES = 3
 EDGES = np.arange(0.0, MAX_RANGE + 1, 10.0)  # metres: ranges of observations
 WHOLE = (float(EDGES[0]), float(EDGES[-1]))
 FEWEST = 50  # observations in a range, for it to be drawn
@@ -52,33 +48,20 @@ class Drift:
     unrelated: float
 
 
-def drift_figure(
-    registrar: Registrar,
-    sequences: Mapping[str, Sequence],
-    *,
-    seed: int = 0,
-    baseline: str = '',
-) -> FigureResult:
+def drift_figure(compared: Compared) -> FigureResult:
     """Draw drift of each method, as a whole and over range.
 
-    Args:
-        registrar: holds our network.
-        sequences: drives.
-        seed: of the scans.
-        baseline: weights trained pair by pair, to draw beside; empty leaves them out.
-
     Raises:
-        GclError: no such weights, no two scans within 60 m, or they share no spot.
+        GclError: the scans of a place share no spot.
     """
-    places = list(neighborhoods(sequences, CENTRES, seed))
+    places, seed = compared.places, compared.seed
     groups = [shared_spots(place) for place in places]
     measured = {
-        name: measure(places, groups, describe, seed)
-        for name, describe in describers(registrar, baseline).items()
+        name: measure(places, groups, describe, seed) for name, describe in compared.kinds.items()
     }
     rows = [row for name, found in measured.items() for row in _rows(name, found)]
     svg = _draw(measured, rows, np.random.default_rng([seed, 26]))
-    return FigureResult('drift', _caption(places, groups, measured), svg, rows, PUBLISHED)
+    return FigureResult('drift', _caption(compared, groups, measured), svg, rows, PUBLISHED)
 
 
 def measure(
@@ -142,20 +125,18 @@ def _rows(name: str, found: Drift) -> list[Row]:
     return rows
 
 
-def _caption(
-    places: list[Neighborhood], groups: list[PositiveGroups], measured: dict[str, Drift]
-) -> str:
+def _caption(compared: Compared, groups: list[PositiveGroups], measured: dict[str, Drift]) -> str:
     medians = {name: float(np.median(found.drift)) for name, found in measured.items()}
     said = ', '.join(
         f'{name} {median:.2f} of {measured[name].unrelated:.2f} '
         f'({median / measured[name].unrelated:.2f})'
         for name, median in medians.items()
     )
-    names = ', '.join(sorted({place.sequence for place in places}))
     return (
         'Distance of the feature of an observation from the one of the nearest observation of the '
-        f'same spot; {sum(map(len, groups))} spots around {len(places)} scans of {names}. Left: '
-        'all observations but the nearest. Features that lie close together altogether drift '
+        f'same spot; {sum(map(len, groups))} spots around {len(groups)} scans of '
+        f'{compared.drives}. Left: all observations but the nearest. Features that lie close '
+        'together altogether drift '
         'little and tell little: so right, median and quartiles over range, in units of the '
         'median distance between unrelated spots, where 1 means that nothing is recognised. '
         f'Median drift of that between unrelated spots (ratio): {said}.'
@@ -180,9 +161,9 @@ def _draw(measured: dict[str, Drift], rows: list[Row], rng: np.random.Generator)
     result.tidy(curve, x='range from the sensor, m', y='relative feature drift', title=title)
     violins.set_ylim(bottom=0)
     curve.set_ylim(bottom=0)
-    curve.axhline(1, color='black', linewidth=0.8, linestyle=':')
+    result.level(curve, 1)
     for axes in (violins, curve):
-        axes.legend(frameon=False, fontsize=9)
+        result.legend(axes)
     return result.to_svg(figure, 'drift')
 
 

@@ -5,7 +5,6 @@ Paper, appendix, "Generalization to ETH", table of feature-match recall (FMR).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import lru_cache
 from itertools import combinations
 from typing import Any
@@ -14,19 +13,17 @@ import numpy as np
 
 from gcl_core import se3
 from gcl_core.data.pairs import BINS
-from gcl_core.data.sequence import Sequence
 from gcl_core.errors import GclError
 from gcl_core.evaluation.feature_metrics import TAU1, TAU2, feature_match_recall, inlier_ratio
 from gcl_core.evaluation.figures import result
-from gcl_core.evaluation.figures.describers import COLORS, Describe, describers
+from gcl_core.evaluation.figures.compared import COLORS, Compared, Describe
 from gcl_core.evaluation.figures.result import FigureResult, Row
 from gcl_core.evaluation.metrics import wilson
-from gcl_core.evaluation.neighborhood import Neighborhood, neighborhoods
+from gcl_core.evaluation.neighborhood import Neighborhood
 from gcl_core.matching.match import MatchConfig, match
-from gcl_core.registrar import Registrar
 from gcl_core.types import Features
 
-CENTRES, PER_BIN = 3, 6  # centre scans with their neighbours; most pairs of each distance
+PER_BIN = 6  # most pairs of each distance
 PUBLISHED = (
     "Appendix, 'Generalization to ETH' (0.05 m voxels, τ1 = 0.1 m, τ2 = 5 %), mean FMR over four "
     'scenes: GCL+Conv 53.2 %, GCL+KPConv 50.8 %, FCGF 47.0 %, Predator 24.0 %. Nothing on KITTI '
@@ -36,35 +33,20 @@ Bin = tuple[int, int]
 Drawn = tuple[int, int, int]
 
 
-def inliers_figure(
-    registrar: Registrar,
-    sequences: Mapping[str, Sequence],
-    *,
-    seed: int = 0,
-    baseline: str = '',
-) -> FigureResult:
+def inliers_figure(compared: Compared) -> FigureResult:
     """Draw inlier ratio and feature-match recall of each method over distance.
 
-    Args:
-        registrar: holds our network.
-        sequences: drives.
-        seed: of the pairs.
-        baseline: weights trained pair by pair, to draw beside; empty leaves them out.
-
     Raises:
-        GclError: no such weights, or no two scans 5 to 50 m apart.
+        GclError: no two scans 5 to 50 m apart.
     """
-    places = list(neighborhoods(sequences, CENTRES, seed))
-    drawn = draw(places, np.random.default_rng([seed, 27]))
+    drawn = draw(compared.places, np.random.default_rng([compared.seed, 27]))
     if not drawn:
-        raise GclError(
-            f'{", ".join(sequences)}: no two scans 5 to 50 m apart; take a longer drive'
-        )
+        raise GclError(f'{compared.drives}: no two scans 5 to 50 m apart; take a longer drive')
     rows = []
-    for name, describe in describers(registrar, baseline).items():
-        ratios = measure(places, drawn, describe, registrar.config.match)
+    for name, describe in compared.kinds.items():
+        ratios = measure(compared.places, drawn, describe, compared.match)
         rows += [_row(name, bin_, ratios[bin_]) for bin_ in drawn]
-    return FigureResult('inliers', _caption(places, rows), _draw(rows), rows, PUBLISHED)
+    return FigureResult('inliers', _caption(compared, rows), _draw(rows), rows, PUBLISHED)
 
 
 def draw(places: list[Neighborhood], rng: np.random.Generator) -> dict[Bin, list[Drawn]]:
@@ -125,13 +107,13 @@ def _row(name: str, bin_: Bin, ratios: list[float]) -> Row:
     }
 
 
-def _caption(places: list[Neighborhood], rows: list[Row]) -> str:
+def _caption(compared: Compared, rows: list[Row]) -> str:
     pairs = sum(row['pairs'] for row in rows if row['method'] == rows[0]['method'])
-    names = ', '.join(sorted({place.sequence for place in places}))
     return (
-        f'{pairs} pairs among the scans of {len(places)} places of {names}, headings as recorded, '
-        f'matched as the registrar does. Left: share of matches right within τ1 = {TAU1:g} m; '
-        'median, lowest and highest pair of each distance. Right: share of pairs with more than '
+        f'{pairs} pairs among the scans of {len(compared.places)} places of {compared.drives}, '
+        'headings as recorded, matched as the registrar does. Left: share of matches right '
+        f'within τ1 = {TAU1:g} m; median, lowest and highest pair of each distance. Right: share '
+        'of pairs with more than '
         f'τ2 = {100 * TAU2:g} % right ones (feature-match recall, FMR), with its 95 % Wilson '
         'interval; pairs of one place are correlated, so the true uncertainty is larger.'
     )
@@ -156,8 +138,8 @@ def _draw(rows: list[Row]) -> str:
     between = 'distance between the sensors, m'
     result.tidy(ratio, x=between, y='right matches, %', title='inlier ratio')
     result.tidy(recall, x=between, y='pairs, %', title='feature-match recall')
-    ratio.axhline(100 * TAU2, color='black', linewidth=0.8, linestyle=':', label='τ2')
+    result.level(ratio, 100 * TAU2, label='τ2')
     ratio.set_ylim(bottom=0)
     recall.set_ylim(0, 102)
-    ratio.legend(frameon=False, fontsize=9)
+    result.legend(ratio)
     return result.to_svg(figure, 'inliers')

@@ -19,7 +19,6 @@ from gcl_core.evaluation.figures.dependence import total_variation
 from gcl_core.evaluation.figures.result import FigureResult, Row
 from gcl_core.evaluation.figures.sampling import KINDS, Positives, draw_positives
 from gcl_core.evaluation.neighborhood import MAX_RANGE, Neighborhood
-from gcl_core.registrar import Registrar
 from gcl_core.types import PositiveGroups
 
 FIELDS = {'pair-wise': 'pairs', 'group-wise': 'groups'}  # of `Positives`
@@ -38,9 +37,7 @@ PUBLISHED = (
 )
 
 
-def positives_figure(
-    registrar: Registrar, sequences: Mapping[str, Sequence], *, seed: int = 0
-) -> FigureResult:
+def positives_figure(sequences: Mapping[str, Sequence], *, seed: int = 0) -> FigureResult:
     """Draw positives of one centre from above, and of several over range.
 
     Raises:
@@ -131,7 +128,7 @@ def _draw(first: Positives, rows: list[Row], rng: np.random.Generator) -> str:
     result.tidy(below[0], x=range_label, y='share of all, % in 5 m', title='where they lie')
     result.tidy(below[1], x=range_label, y="of the centre's points, %", title='how many there are')
     below[1].set_ylim(0, 100)
-    below[0].legend(frameon=False, fontsize=9)
+    result.legend(below[0])
     return result.to_svg(figure, 'positives')
 
 

@@ -18,9 +18,9 @@ class FigureResult:
     """One figure.
 
     Attributes:
-        name: of the figure, as in `FIGURES`.
+        name: of the figure, as in the YAML of a benchmark.
         caption: what is drawn, from how many scans, and what to look for.
-        svg: the picture, an SVG document.
+        svg: the picture, an SVG document; empty if there are only numbers.
         rows: the numbers drawn, as JSON takes them.
         published: what the paper states for the same figure and where; empty if nothing.
     """
@@ -62,3 +62,13 @@ def tidy(axes: Any, *, x: str, y: str, title: str = '') -> None:
     axes.spines[['top', 'right']].set_visible(False)
     axes.grid(alpha=0.25, linewidth=0.6)
     axes.set_axisbelow(True)
+
+
+def legend(axes: Any) -> None:
+    """Name what is drawn."""
+    axes.legend(frameon=False, fontsize=9)
+
+
+def level(axes: Any, y: float, *, label: str | None = None) -> None:
+    """Draw a dotted line to hold the curves against."""
+    axes.axhline(y, color='black', linewidth=0.8, linestyle=':', label=label)
