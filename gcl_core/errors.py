@@ -1,4 +1,8 @@
-"""The one error this project raises for bad input."""
+"""The one error this project raises for bad input, and how a program ends by it."""
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 
 class GclError(ValueError):
@@ -6,3 +10,13 @@ class GclError(ValueError):
 
     The command line turns it into exit code 2, the node into a log line; neither dies from it.
     """
+
+
+@contextmanager
+def bad_input_exits(program: str) -> Iterator[None]:
+    """Say what is wrong with the input, or with a file, and exit with 2."""
+    try:
+        yield
+    except (GclError, OSError) as error:  # a full disk may end anything that writes
+        print(f'{program}: {error}', file=sys.stderr)
+        sys.exit(2)

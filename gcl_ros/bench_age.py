@@ -10,7 +10,6 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import sys
 import time
 from contextlib import ExitStack
 from dataclasses import dataclass, field
@@ -23,7 +22,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TransformStamped
 from rclpy.node import Node
 
-from gcl_core.errors import GclError
+from gcl_core.errors import GclError, bad_input_exits
 from gcl_core.evaluation import metrics
 from gcl_ros.bench_stream import SIDES, make, there_and_back
 from gcl_ros.conversions import matrix, seconds
@@ -212,11 +211,8 @@ def main() -> None:
     )
     o = parser.parse_args()
     settings = {'minutes': o.minutes, 'rate': o.rate, 'offset': o.offset, 'parameters': o.set}
-    try:
+    with bad_input_exits('bench_age'):
         figures = measure(o.out, o.minutes, o.rate, o.offset, o.set)
-    except GclError as error:
-        print(f'bench_age: {error}', file=sys.stderr)
-        sys.exit(2)
     result = {'settings': settings, 'cores': os.cpu_count(), **figures}
     (o.out / 'age.json').write_text(json.dumps(result, indent=1) + '\n')
     result['resident_mb'].pop('over_time')

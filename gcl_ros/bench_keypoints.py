@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -18,7 +17,7 @@ import torch
 from sensor_msgs.msg import PointCloud2, PointField
 
 from gcl_core.config import load_config
-from gcl_core.errors import GclError
+from gcl_core.errors import bad_input_exits
 from gcl_core.evaluation import metrics
 from gcl_core.evaluation.predict import Method, Prediction
 from gcl_core.registrar import Registrar, RegistrarConfig
@@ -159,12 +158,9 @@ def main() -> None:
     parser.add_argument('--out', type=Path, required=True, help='folder for tables and the plot')
     parser.add_argument('--config', type=Path, help='YAML of RegistrarConfig')
     o = parser.parse_args()
-    try:
+    with bad_input_exits('bench_keypoints'):
         config = load_config(RegistrarConfig, o.config) if o.config else RegistrarConfig()
         run(o.bag, o.out, config)
-    except GclError as error:
-        print(f'bench_keypoints: {error}', file=sys.stderr)
-        sys.exit(2)
 
 
 if __name__ == '__main__':

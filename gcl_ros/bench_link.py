@@ -15,7 +15,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -26,7 +26,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import PointCloud2, PointField
 
-from gcl_core.errors import GclError
+from gcl_core.errors import GclError, bad_input_exits
 from gcl_core.types import Features
 from gcl_ros.conversions import fill_point_cloud2, seconds
 from gcl_ros.feature_cloud import Described, fill_feature_cloud
@@ -214,20 +214,16 @@ def main() -> None:
     parser.add_argument('--send', type=Path, help=argparse.SUPPRESS)
     parser.add_argument('--receive', type=Path, help=argparse.SUPPRESS)
     o = parser.parse_args()
-    try:
+    ended = suppress(KeyboardInterrupt, rclpy.executors.ExternalShutdownException)
+    with ended, bad_input_exits('bench_link'):
         if o.send or o.receive:
             with rclpy.init():
                 send(o.number, o.send) if o.send else receive(o.receive)
             return
         found = measure(o.out, o.mbit, o.number)
-    except GclError as error:
-        print(f'bench_link: {error}', file=sys.stderr)
-        sys.exit(2)
-    except (KeyboardInterrupt, rclpy.executors.ExternalShutdownException):
-        return
-    result = {'mbit_per_s': o.mbit, 'rows': [vars(row) for row in found]}
-    (o.out / 'link.json').write_text(json.dumps(result, indent=1) + '\n')
-    print(table(found))
+        result = {'mbit_per_s': o.mbit, 'rows': [vars(row) for row in found]}
+        (o.out / 'link.json').write_text(json.dumps(result, indent=1) + '\n')
+        print(table(found))
 
 
 if __name__ == '__main__':

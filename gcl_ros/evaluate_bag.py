@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import math
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +16,7 @@ from tqdm import tqdm
 
 from gcl_core.config import load_config
 from gcl_core.data.pairs import BINS, Pair
-from gcl_core.errors import GclError
+from gcl_core.errors import GclError, bad_input_exits
 from gcl_core.evaluation.peers import PEERS
 from gcl_core.evaluation.predict import Method, Prediction, timed
 from gcl_core.registrar import Registrar, RegistrarConfig
@@ -145,11 +144,8 @@ def main() -> None:
         '--keypoints', type=int, nargs='+', default=[], help='also with the source described'
     )
     options = parser.parse_args()
-    try:
+    with bad_input_exits('evaluate_bag'):
         run(options)
-    except (GclError, OSError) as error:
-        print(f'evaluate_bag: {error}', file=sys.stderr)
-        sys.exit(2)
 
 
 if __name__ == '__main__':

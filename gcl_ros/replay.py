@@ -7,6 +7,7 @@ import importlib
 import re
 import sys
 import time
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,7 +20,7 @@ from rclpy.utilities import remove_ros_args
 from rosbags.interfaces import Connection
 from rosgraph_msgs.msg import Clock
 
-from gcl_core.errors import GclError
+from gcl_core.errors import GclError, bad_input_exits
 from gcl_ros.bag import CLOUD
 from gcl_ros.bag_reader import Bag, open_bag
 
@@ -145,7 +146,7 @@ def main() -> None:
     parser.add_argument('--best-effort', action='store_true', help='clouds as drivers send them')
     parser.add_argument('--no-wait', action='store_true', help='do not wait for subscribers')
     o = parser.parse_args(remove_ros_args(sys.argv)[1:])
-    try:
+    with suppress(KeyboardInterrupt, ExternalShutdownException), bad_input_exits('replay'):
         playback = Playback(
             rate=o.rate,
             start=o.start,
@@ -159,11 +160,6 @@ def main() -> None:
             count = replay(o.bag, playback, node)
             node.get_logger().info(f'{count} messages replayed')
             node.destroy_node()
-    except GclError as error:
-        print(f'replay: {error}', file=sys.stderr)
-        sys.exit(2)
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
 
 
 if __name__ == '__main__':

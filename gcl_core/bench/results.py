@@ -23,7 +23,7 @@ import numpy as np
 
 from gcl_core.bench.measure import provenance
 from gcl_core.config import load_config
-from gcl_core.errors import GclError
+from gcl_core.errors import bad_input_exits
 from gcl_core.evaluation.benchmark import BenchmarkConfig, Ours, Peer
 from gcl_core.evaluation.report import gather, write
 from gcl_core.evaluation.runner import Run
@@ -35,7 +35,7 @@ from gcl_core.registrar import RegistrarConfig
 CONFIGS = Path(__file__).parents[2] / 'config'
 
 
-def main(arguments: list[str] | None = None) -> int:
+def main(arguments: list[str] | None = None) -> None:
     """Measure, write both files."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--data', type=Path, default=os.environ.get('GCL_DATA') or None)
@@ -45,12 +45,8 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument('--per-bin', type=int, help='fewer pairs than the configs say, for a try')
     parser.add_argument('--without', nargs='*', default=[], help='peers to leave out, for a try')
     options = parser.parse_args(arguments)
-    try:
+    with bad_input_exits('results'):
         measure(options)
-    except GclError as error:
-        print(f'results: {error}', file=sys.stderr)
-        return 2
-    return 0
 
 
 def measure(options: argparse.Namespace) -> None:
@@ -143,4 +139,4 @@ def document(facts: dict[str, str], parts: list[str]) -> str:
 
 
 if __name__ == '__main__':
-    sys.exit(main())
+    main()

@@ -8,7 +8,6 @@ Run it again whenever weights or anything before the judgement change:
 from __future__ import annotations
 
 import argparse
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,7 +16,7 @@ import numpy as np
 import torch
 from tqdm import tqdm
 
-from gcl_core.errors import GclError
+from gcl_core.errors import GclError, bad_input_exits
 from gcl_core.estimation.confidence import THIN, Calibration, Calibrations, Stage, save_calibration
 from gcl_core.estimation.evidence import SIGNS
 from gcl_core.estimation.fit_judges import fit_choice, fit_judge, fit_trust
@@ -130,11 +129,8 @@ def main() -> None:
     parser.add_argument('--out', type=Path, help='default: beside the weights')
     parser.add_argument('--collect-only', action='store_true', help='fit another time')
     o = parser.parse_args()
-    try:
+    with bad_input_exits('calibrate'):
         run(o)
-    except GclError as error:
-        print(f'calibrate: {error}', file=sys.stderr)
-        sys.exit(2)
 
 
 def run(o: Any) -> None:

@@ -11,7 +11,6 @@ from __future__ import annotations
 import argparse
 import json
 import platform
-import sys
 import time
 from collections.abc import Iterable
 from dataclasses import asdict, replace
@@ -20,7 +19,7 @@ from pathlib import Path
 import torch
 from tqdm import tqdm
 
-from gcl_core.errors import GclError
+from gcl_core.errors import GclError, bad_input_exits
 from gcl_core.evaluation import metrics
 from gcl_core.evaluation.accept_tables import Row, by_distance, by_kind, markdown
 from gcl_core.evaluation.adversaries import Case, group
@@ -89,11 +88,8 @@ def main() -> None:
     parser.add_argument('--seconds', type=float, default=float('inf'), help='start none after it')
     parser.add_argument('--out', type=Path, help='JSON of the tables')
     o = parser.parse_args()
-    try:
+    with bad_input_exits('false_accepts'):
         run(o)
-    except GclError as error:
-        print(f'false_accepts: {error}', file=sys.stderr)
-        sys.exit(2)
 
 
 def run(o: argparse.Namespace) -> None:

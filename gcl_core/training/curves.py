@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
-from gcl_core.errors import GclError
+from gcl_core.errors import GclError, bad_input_exits
 from gcl_core.evaluation.plots import save
 
 WINDOW = 25  # steps that a curve is averaged over
@@ -62,11 +61,8 @@ def main() -> None:
     parser.add_argument('runs', type=Path, nargs='+', help='folders that `gcl train` wrote')
     parser.add_argument('--out', type=Path, required=True, help='picture')
     options = parser.parse_args()
-    try:
+    with bad_input_exits('curves'):
         training_curves(options.out, {run.name: run / 'log.jsonl' for run in options.runs})
-    except GclError as error:
-        print(f'curves: {error}', file=sys.stderr)
-        sys.exit(2)
 
 
 if __name__ == '__main__':

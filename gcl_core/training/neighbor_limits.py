@@ -8,7 +8,6 @@ The limits go into `network.limits`; the weights carry them, so that no run need
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import islice
@@ -17,7 +16,7 @@ from pathlib import Path
 import torch
 
 from gcl_core.config import load_config
-from gcl_core.errors import GclError
+from gcl_core.errors import GclError, bad_input_exits
 from gcl_core.models.kpconv_resunet import KPConvConfig, KPConvResUNet
 from gcl_core.ops.neighbors import limit_of
 from gcl_core.training.recipe import TrainConfig
@@ -58,26 +57,22 @@ def scans(config: SampleConfig) -> Iterator[PointCloud]:
         number += 1
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+def main(arguments: Sequence[str] | None = None) -> None:
     """Count, and print what goes into the YAML."""
     parser = argparse.ArgumentParser(description='Calibrate the neighbour limits of KPConv.')
     parser.add_argument('--config', type=Path, required=True, help='YAML of TrainConfig')
     parser.add_argument('--scans', type=int, default=56, help='how many to count on')
     parser.add_argument('--keep', type=float, default=KEEP, help='share of untouched points')
     options = parser.parse_args(arguments)
-    try:
+    with bad_input_exits('neighbor_limits'):
         config = load_config(TrainConfig, options.config)
         if not isinstance(config.network, KPConvConfig):
             raise GclError(f'{options.config}: network.backbone is not kpconv')
         found = calibrated(
             config.network, islice(scans(config.samples), options.scans), options.keep
         )
-    except GclError as error:
-        print(error, file=sys.stderr)
-        return 2
     print(f'limits: {list(found.limits)}')
-    return 0
 
 
 if __name__ == '__main__':
-    sys.exit(main())
+    main()

@@ -208,11 +208,15 @@ def test_a_command_draws_one(tmp_path, capsys, monkeypatch, write_folder):
     corridor = Corridor(40.0)
     write_folder(clouds, corridor, range(len(corridor)))
     arguments = ['drift', '--data', str(clouds), '--out', str(out)]
-    assert main([*arguments, '--baseline', str(tmp_path / 'pairs.safetensors')]) == 0
+    main([*arguments, '--baseline', str(tmp_path / 'pairs.safetensors')])
     rows = json.loads(out.with_suffix('.json').read_text())['rows']
     assert {row['method'] for row in rows} == {'GCL-ROS', 'FPFH', 'pair-wise'}
     assert 'feature drift' in out.read_text()
     assert 'published' in capsys.readouterr().out
-    assert main(['positives', *arguments[1:], '--baseline', 'x']) == 2
-    assert main([*arguments[:-1], str(tmp_path / 'none' / 'x.svg')]) == 2
+    for bad in (
+        ['positives', *arguments[1:], '--baseline', 'x'],
+        [*arguments[:-1], str(tmp_path / 'none' / 'x.svg')],
+    ):
+        with pytest.raises(SystemExit, match='2'):
+            main(bad)
     assert 'cannot write' in capsys.readouterr().err

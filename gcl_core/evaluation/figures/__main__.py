@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 from pathlib import Path
 
 from gcl_core.data.formats import open_sequences
 from gcl_core.data.sequence import Sequence
 from gcl_core.data.simulator.sequence import SimulatedSequence
-from gcl_core.errors import GclError
+from gcl_core.errors import GclError, bad_input_exits
 from gcl_core.evaluation.figures import OF_FEATURES, OF_POSITIVES, FigureResult, compare
 from gcl_core.registrar import Registrar, RegistrarConfig
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Parse, draw, write; returns the exit code."""
+def main(arguments: list[str] | None = None) -> None:
+    """Parse, draw, write."""
     parser = argparse.ArgumentParser(prog='figures', description='Draw a figure of the paper.')
     parser.add_argument('figure', choices=sorted(OF_POSITIVES | OF_FEATURES))
     source = parser.add_mutually_exclusive_group(required=True)
@@ -31,13 +30,9 @@ def main(arguments: list[str] | None = None) -> int:
     )
     parser.add_argument('--seed', type=int, default=0)
     parser.add_argument('--out', type=Path, required=True, help='SVG; its numbers go to .json')
-    try:
+    with bad_input_exits('figures'):
         found = draw(parser.parse_args(arguments))
-    except GclError as error:
-        print(f'figures: {error}', file=sys.stderr)
-        return 2
     print(f'{found.caption}\npublished: {found.published}')
-    return 0
 
 
 def draw(options: argparse.Namespace) -> FigureResult:
@@ -70,4 +65,4 @@ def _open(options: argparse.Namespace) -> dict[str, Sequence]:
 
 
 if __name__ == '__main__':
-    sys.exit(main())
+    main()
