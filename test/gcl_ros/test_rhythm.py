@@ -7,19 +7,22 @@ from gcl_ros.pairings import Pairings
 from gcl_ros.rhythm import Rhythm
 
 
-@pytest.fixture
-def tenth():
-    """Pairs every 0.1 s, the last at 1.0."""
+def heard(*times: float) -> Rhythm:
     rhythm = Rhythm()
-    for k in range(11):
-        rhythm.arrived(k / 10)
+    for time in times:
+        rhythm.arrived(time)
     return rhythm
 
 
+@pytest.fixture
+def tenth():
+    """Pairs every 0.1 s, the last at 1.0."""
+    return heard(*(k / 10 for k in range(11)))
+
+
 def test_nothing_is_foretold_from_one_pair():
-    rhythm = Rhythm()
-    assert rhythm.period is None
-    rhythm.arrived(1.0)
+    assert heard().period is None
+    rhythm = heard(1.0)
     assert not rhythm.expects(1.05)
     assert rhythm.wait(1.05) == 0.0
 
@@ -38,58 +41,50 @@ def test_an_old_pair_is_left_for_the_next(tenth, now, wait):
 
 
 def test_slow_streams_are_never_waited_for():
-    rhythm = Rhythm()
-    for k in range(5):
-        rhythm.arrived(float(k))
-    assert rhythm.wait(4.9) == 0.0
+    assert heard(0.0, 1.0, 2.0, 3.0, 4.0).wait(4.9) == 0.0
 
 
-class Hand:
-    """A clock that is set by hand."""
+class Streams:
+    """A pairing of two streams of 10 Hz, by a clock that is set by hand."""
 
-    now = 0.0
+    def __init__(self) -> None:
+        self._now = 0.0
+        self.pairing = Pairing(max_dt=0.05, clock=lambda: self._now)
 
-    def __call__(self) -> float:
-        return self.now
+    def send(self, number: int, *sides: str) -> None:
+        self._now = number / 10
+        for side in sides:
+            self.pairing.add(side, self._now, f'{side[0]}{number}')
 
 
 def test_a_message_whose_partner_is_about_to_come_is_offered_once():
-    clock = Hand()
-    pairing = Pairing(max_dt=0.05, clock=clock)
-    for k in range(3):
-        clock.now = k / 10
-        pairing.add('target', clock.now, f't{k}')
-        if k < 2:
-            assert pairing.take_early() is None
-            pairing.add('source', clock.now, f's{k}')
-    assert pairing.take_early() == ('target', 't2')
-    assert pairing.take_early() is None
-    pairing.add('source', clock.now, 's2')
-    assert pairing.take() == ('s2', 't2')
+    streams = Streams()
+    for k in range(2):
+        streams.send(k, 'target')
+        assert streams.pairing.take_early() is None
+        streams.send(k, 'source')
+    streams.send(2, 'target')
+    assert streams.pairing.take_early() == ('target', 't2')
+    assert streams.pairing.take_early() is None
+    streams.send(2, 'source')
+    assert streams.pairing.take() == ('s2', 't2')
 
 
 def test_a_message_that_was_paired_meanwhile_is_not_offered():
-    clock = Hand()
-    pairing = Pairing(max_dt=0.05, clock=clock)
+    streams = Streams()
     for k in range(4):
-        clock.now = k / 10
-        pairing.add('target', clock.now, f't{k}')
-        pairing.add('source', clock.now, f's{k}')
-    assert pairing.take_early() is None
+        streams.send(k, 'target', 'source')
+    assert streams.pairing.take_early() is None
 
 
 def test_a_silent_partner_is_not_prepared_for():
-    clock = Hand()
-    pairing = Pairing(max_dt=0.05, clock=clock)
-    for k in range(20):
-        clock.now = k / 10
-        pairing.add('target', clock.now, f't{k}')
-        if k < 3:
-            pairing.add('source', clock.now, f's{k}')
-        elif k > 4:
-            assert pairing.take_early() is None
-        else:
-            pairing.take_early()
+    streams = Streams()
+    for k in range(3):
+        streams.send(k, 'target', 'source')
+    for k in range(3, 20):
+        streams.send(k, 'target')
+        early = streams.pairing.take_early()
+        assert early is None or k < 5
 
 
 def test_the_consumer_gets_early_messages_and_then_the_pair():
