@@ -30,7 +30,7 @@ setup(
     packages=find_packages(include=['gcl_core*', 'gcl_ros*']),
     package_data={
         'gcl_core.models': ['weights/*'],
-        'gcl_core.ops.native': ['*.cpp'],
+        'gcl_core.ops.native': ['*.cpp', '*.h'],
         'gcl_core.evaluation': ['published.yaml', 'page/*.js', 'page/*.css'],
     },
     data_files=[

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from gcl_core.ops.native import build
+
 ROOT = Path(__file__).parents[1]
 BIN = Path(sys.executable).parent
 
@@ -57,6 +59,8 @@ def test_registrar_runs_from_the_ament_index(workspace, tmp_path):
     finally:
         process.terminate()
         process.wait(timeout=30)
+    for name in (*build.SOURCES, *build.HEADERS):
+        assert (site / 'gcl_core/ops/native' / name).exists()
     share = prefix / 'share' / 'gcl_ros'
     for file in ('config/registrar.yaml', 'launch/replay.launch.py', 'rviz/registrar.rviz'):
         assert (share / file).exists()
