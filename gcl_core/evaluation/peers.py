@@ -45,16 +45,12 @@ def fpfh_ransac(source: PointCloud, target: PointCloud) -> Float[np.ndarray, '4 
     Normals within 2 voxels, features within 5, 1.5 voxels of inlier distance, edge ratio 0.9,
     at most 4,000,000 samples at confidence 0.999; then ICP point to plane.
     """
-    import open3d as o3d
+    from open3d.pipelines import registration
 
-    registration = o3d.pipelines.registration
-    (source_points, source_fpfh), (target_points, target_fpfh) = _fpfh(source), _fpfh(target)
-    o3d.utility.random.seed(0)
-    coarse = registration.registration_ransac_based_on_feature_matching(
-        source_points,
-        target_points,
-        source_fpfh,
-        target_fpfh,
+    return _coarse_to_fine(
+        source,
+        target,
+        registration.registration_ransac_based_on_feature_matching,
         mutual_filter=True,
         max_correspondence_distance=REACH,
         estimation_method=registration.TransformationEstimationPointToPoint(False),
@@ -65,7 +61,6 @@ def fpfh_ransac(source: PointCloud, target: PointCloud) -> Float[np.ndarray, '4 
         ],
         criteria=registration.RANSACConvergenceCriteria(4_000_000, 0.999),
     )
-    return _icp(source_points, target_points, coarse.transformation)
 
 
 def fpfh_fgr(source: PointCloud, target: PointCloud) -> Float[np.ndarray, '4 4'] | None:
@@ -73,28 +68,30 @@ def fpfh_fgr(source: PointCloud, target: PointCloud) -> Float[np.ndarray, '4 4']
 
     Open3D's defaults, but for the distance of corresponding points, 1.5 voxels.
     """
+    from open3d.pipelines import registration
+
+    return _coarse_to_fine(
+        source,
+        target,
+        registration.registration_fgr_based_on_feature_matching,
+        option=registration.FastGlobalRegistrationOption(maximum_correspondence_distance=REACH),
+    )
+
+
+def _coarse_to_fine(
+    source: PointCloud, target: PointCloud, estimate: Callable[..., Any], **settings: Any
+) -> Float[np.ndarray, '4 4']:
+    """Register by FPFH, then by ICP point to plane within 2 voxels."""
     import open3d as o3d
 
     registration = o3d.pipelines.registration
     (source_points, source_fpfh), (target_points, target_fpfh) = _fpfh(source), _fpfh(target)
     o3d.utility.random.seed(0)
-    coarse = registration.registration_fgr_based_on_feature_matching(
-        source_points,
-        target_points,
-        source_fpfh,
-        target_fpfh,
-        registration.FastGlobalRegistrationOption(maximum_correspondence_distance=REACH),
-    )
-    return _icp(source_points, target_points, coarse.transformation)
-
-
-def _icp(source: Any, target: Any, start: Any) -> Float[np.ndarray, '4 4']:
-    """ICP point to plane within 2 voxels."""
-    import open3d as o3d
-
-    registration = o3d.pipelines.registration
+    coarse = estimate(source_points, target_points, source_fpfh, target_fpfh, **settings)
     plane = registration.TransformationEstimationPointToPlane()
-    fine = registration.registration_icp(source, target, 2 * FPFH_VOXEL, start, plane)
+    fine = registration.registration_icp(
+        source_points, target_points, 2 * FPFH_VOXEL, coarse.transformation, plane
+    )
     return np.asarray(fine.transformation)
 
 
