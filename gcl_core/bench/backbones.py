@@ -11,14 +11,14 @@ from __future__ import annotations
 import argparse
 import json
 import time
-from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
 
-from gcl_core.bench.measure import provenance
+from gcl_core.bench.measure import milliseconds, provenance
 from gcl_core.config import load_config
 from gcl_core.data.formats import open_sequence
 from gcl_core.data.simulator.sequence import SimulatedSequence
@@ -75,6 +75,7 @@ def split(config: NetworkConfig, clouds: list[PointCloud]) -> dict[str, float]:
     torch.manual_seed(0)
     model = build(config).eval()
     model.dtype = best_dtype()
+    processor_ms = partial(milliseconds, repeats=5, clock=time.process_time)
     data, inference, points = [], [], []
     with torch.inference_mode():
         for cloud in clouds:
@@ -89,17 +90,6 @@ def split(config: NetworkConfig, clouds: list[PointCloud]) -> dict[str, float]:
         'data_ms': float(np.mean(data)),
         'inference_ms': float(np.mean(inference)),
     }
-
-
-def processor_ms(work: Callable[[], Any], repeats: int = 5) -> float:
-    """Least processor time of several runs after one to warm up, milliseconds."""
-    work()
-    times = []
-    for _ in range(repeats):
-        began = time.process_time()
-        work()
-        times.append(time.process_time() - began)
-    return 1e3 * min(times)
 
 
 if __name__ == '__main__':
