@@ -93,35 +93,17 @@ def test_bad_input_exits_with_two(arguments, message, capsys):
 )
 def test_inspect_counts_and_draws(tree, tmp_path, what, expected, capsys):
     picture = tmp_path / 'p.png'
-    arguments = [
-        'inspect',
-        '--kitti',
-        str(tree),
-        '--sequence',
-        '00',
-        *what,
-        '--picture',
-        str(picture),
-    ]
-    assert main(arguments) == 0
+    arguments = ['inspect', '--kitti', str(tree), '--sequence', '00', *what]
+    assert main([*arguments, '--picture', str(picture)]) == 0
     assert expected in capsys.readouterr().out
     assert picture.stat().st_size > 10_000
 
 
 def test_inspect_compares_with_simulated_worlds(tree, tmp_path, capsys):
     picture = tmp_path / 'c.png'
-    arguments = [
-        'inspect',
-        '--kitti',
-        str(tree),
-        '--sequence',
-        '00',
-        '--sensor',
-        'vlp16',
-        '--kind',
-        'park',
-    ]
-    assert main([*arguments, '--compare', '1', '--hide-scan', '--picture', str(picture)]) == 0
+    arguments = ['inspect', '--kitti', str(tree), '--sequence', '00', '--sensor', 'vlp16']
+    arguments += ['--kind', 'park', '--compare', '1', '--hide-scan', '--picture', str(picture)]
+    assert main(arguments) == 0
     out = capsys.readouterr().out
     assert 'kitti/00: ' in out
     assert 'simulated vlp16, park: ' in out
