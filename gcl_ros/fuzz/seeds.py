@@ -31,7 +31,6 @@ from gcl_ros.feature_cloud import Described, fill_feature_cloud
 TINY = ResUNetConfig(encoder=(2, 2, 2, 2), decoder=(2, 2, 2), head=2, descriptor=2)
 HASH = '0123456789ab'
 POSE = '1 0 0 0.5 0 1 0 -2 0 0 1 3e-1\n'
-TOKENS = ('ego_pose', 'calibrated_sensor', 'sample', 'scene', 'log')
 
 
 def cloud(count: int = 40) -> PointCloud:

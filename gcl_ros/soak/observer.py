@@ -33,7 +33,6 @@ class Observer(Node):
         self.wrong: list[dict[str, Any]] = []
         self.unexplained: list[str] = []
         self.reasons: Counter[str] = Counter()
-        self.last_transform = 0.0
         self._refused: dict[str, int] = {}
         self._asked: tuple[float, Any] | None = None
         self._last_ask = 0.0
@@ -43,7 +42,6 @@ class Observer(Node):
 
     def _transform(self, message: TransformStamped) -> None:
         """Check an accepted transform."""
-        self.last_transform = time.monotonic()
         source, target = message.child_frame_id, message.header.frame_id
         number = source.rpartition('_')[2]
         T = matrix(message.transform)
