@@ -34,7 +34,7 @@ def add_parser(commands: Any) -> None:
         'inspect',
         help='show what is in a sequence, a pair or a group',
         description='Count points and voxels of 0.3 m by range, overlap of a pair, groups.',
-        epilog='Example: gcl inspect --kitti DIR --sequence 08 --pair 120 100 --picture pair.png',
+        epilog='Example: gcl inspect --data DIR --sequence 08 --pair 120 100 --picture pair.png',
     )
     add_source(parser)
     parser.add_argument('--sensor', default='hdl64e', choices=sorted(SENSORS), help='simulated')

@@ -13,7 +13,7 @@ def add_source(
 ) -> None:
     """Add `--data` or `--simulated`, `--sequence` (a list of several) and `--format`."""
     source = parser.add_mutually_exclusive_group(required=required)
-    source.add_argument('--data', '--kitti', type=Path, help='data set, bag, or folder of clouds')
+    source.add_argument('--data', type=Path, help='data set, bag, or folder of clouds')
     source.add_argument('--simulated', type=int, metavar='SEED', help='a simulated drive')
     parser.add_argument(
         '--sequence',

@@ -67,7 +67,7 @@ def test_register_records_or_names_the_package(pair, tmp_path, capsys):
         (['pairs', 'p', '--data', 'nowhere', '--fcgf'], 'no folder nowhere'),
         (['pairs', 'p', '--data', '.', '--random', '0'], '--random is 0'),
         (['bag', 'from-data', 'nowhere', 'b', '--pairs', '1'], 'no folder nowhere'),
-        (['evaluate', '--kitti', 'nowhere', '--sequence', '08'], 'no folder nowhere'),
+        (['evaluate', '--data', 'nowhere', '--sequence', '08'], 'no folder nowhere'),
         (['bag', 'from-kitti', 'nowhere', '08', 'b', '--distance', '20'], 'no folder nowhere'),
     ],
 )

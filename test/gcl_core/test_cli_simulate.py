@@ -74,7 +74,7 @@ def test_a_bag_without_rosbags_says_what_to_install(tmp_path, monkeypatch, capsy
         (['inspect', '--simulated', '5', '--sensor', 'vlp16', '--scan', '900'], 'scans 0 to 180'),
         (['inspect', '--simulated', '5', '--pair', '0', '-1'], 'not -1'),
         (['inspect', '--simulated', '5', '--compare', '0'], 'must be at least 1'),
-        (['inspect', '--kitti', 'nowhere'], 'no folder nowhere'),
+        (['inspect', '--data', 'nowhere'], 'no folder nowhere'),
     ],
 )
 def test_bad_input_exits_with_two(arguments, message, capsys):
@@ -93,7 +93,7 @@ def test_bad_input_exits_with_two(arguments, message, capsys):
 )
 def test_inspect_counts_and_draws(tree, tmp_path, what, expected, capsys):
     picture = tmp_path / 'p.png'
-    arguments = ['inspect', '--kitti', str(tree), '--sequence', '00', *what]
+    arguments = ['inspect', '--data', str(tree), '--sequence', '00', *what]
     assert main([*arguments, '--picture', str(picture)]) == 0
     assert expected in capsys.readouterr().out
     assert picture.stat().st_size > 10_000
@@ -101,7 +101,7 @@ def test_inspect_counts_and_draws(tree, tmp_path, what, expected, capsys):
 
 def test_inspect_compares_with_simulated_worlds(tree, tmp_path, capsys):
     picture = tmp_path / 'c.png'
-    arguments = ['inspect', '--kitti', str(tree), '--sequence', '00', '--sensor', 'vlp16']
+    arguments = ['inspect', '--data', str(tree), '--sequence', '00', '--sensor', 'vlp16']
     arguments += ['--kind', 'park', '--compare', '1', '--hide-scan', '--picture', str(picture)]
     assert main(arguments) == 0
     out = capsys.readouterr().out
