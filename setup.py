@@ -60,6 +60,7 @@ setup(
         'test': [
             'pytest>=7',
             'hypothesis>=6',
+            'argcomplete>=2',
             'tensorboard',
             'setuptools<80',  # the last that colcon's ament_python build works with
             'colcon-core',
@@ -72,6 +73,7 @@ setup(
         ],
         'train': ['tensorboard'],
         'kiss': ['kiss-matcher>=1.0'],  # one more estimator and peer, for comparison
+        'completion': ['argcomplete>=2'],  # eval "$(register-python-argcomplete gcl)"
         'rerun': ['rerun-sdk>=0.20'],  # recordings to look around in: gcl register --rerun
         'dev': ['ruff', 'mypy', 'types-PyYAML'],
     },

@@ -26,6 +26,7 @@ from gcl_ros.conversions import (
     seconds,
 )
 
+LATEST = 2**31  # seconds, builtin_interfaces/Time
 VERSION = 8  # of the metadata; Humble to Iron cannot read 9
 CLOUD, TRANSFORM = 'sensor_msgs/msg/PointCloud2', 'geometry_msgs/msg/TransformStamped'
 ODOMETRY = 'nav_msgs/msg/Odometry'
@@ -113,7 +114,10 @@ def write_bag(
             count = _write(Path(folder) / path.name, encounters, storage, pair_list)
             (Path(folder) / path.name).rename(path)
     except (OSError, sqlite3.Error) as error:
-        raise GclError(f'cannot write bag {path}: {error}; make room and write it anew') from None
+        reason = getattr(error, 'strerror', None) or error
+        raise GclError(
+            f'cannot write bag {path}: {reason}; check its folder and the room left on the disk'
+        ) from None
     return count
 
 
@@ -128,6 +132,11 @@ def _write(path: Path, encounters: Iterable[Encounter], storage: str, pair_list:
         }
         writer.set_custom_data(PAIR_LIST, pair_list)
         for encounter in encounters:
+            if not encounter.stamp < LATEST:
+                raise GclError(
+                    f'a stamp of {encounter.stamp:g} s is later than ROS can say; '
+                    'give a shorter period or fewer pairs'
+                )
             stamp = round(encounter.stamp * 1e9)
             for topic, message in encounter_messages(types, encounter, stamp):
                 data = types.serialize_cdr(message, message.__msgtype__)

@@ -101,6 +101,10 @@ def open_bag(path: Path) -> Iterator[Bag]:
     Raises:
         GclError: missing or damaged.
     """
+    if not path.exists():
+        raise GclError(f'cannot read bag {path}: it does not exist')
+    if path.is_dir() and not (path / 'metadata.yaml').is_file():
+        raise GclError(f'cannot read bag {path}: no metadata.yaml in it; is it a rosbag2 folder?')
     reader = None
     with _refused(f'bag {path}'):
         reader = Reader(path)

@@ -23,7 +23,7 @@ from gcl_core.evaluation.predict import Method, Prediction
 from gcl_core.registrar import Registrar, RegistrarConfig
 from gcl_core.types import Features, PointCloud
 from gcl_ros.bag import pair_list_label, read_encounters
-from gcl_ros.evaluate_bag import offline
+from gcl_ros.bag_evaluation import offline
 from gcl_ros.exchange import Exchange
 from gcl_ros.feature_cloud import Described, describe, fill_feature_cloud, selected
 from gcl_ros.recent import Recent

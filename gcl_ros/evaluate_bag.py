@@ -1,152 +1,74 @@
-"""`ros2 run gcl_ros evaluate_bag BAG`: recall on a bag, through the node or offline, and a peer's.
-
-Offline, the same registrar works on the same clouds without DDS in between; `--keypoints` then
-also describes the source with so many key points, as `describer` sends them.
-"""
+"""`ros2 run gcl_ros evaluate_bag BAG`: recall on a bag, through the node or offline."""
 
 from __future__ import annotations
 
 import argparse
-import math
+import sys
 from pathlib import Path
 
-import numpy as np
-from sensor_msgs.msg import PointCloud2, PointField
-from tqdm import tqdm
-
-from gcl_core.config import load_config
-from gcl_core.data.pairs import BINS, Pair
-from gcl_core.errors import GclError, bad_input_exits
-from gcl_core.evaluation.peers import PEERS
-from gcl_core.evaluation.predict import Method, Prediction, timed
-from gcl_core.registrar import Registrar, RegistrarConfig
-from gcl_core.types import PointCloud
-from gcl_ros.bag import Encounter, pair_list_label, read_encounters
-from gcl_ros.exchange import Exchange
-from gcl_ros.feature_cloud import describe, fill_feature_cloud
-from gcl_ros.report import write_report
-from gcl_ros.session import through_node
+from gcl_core.cli.outcome import Answer, run_command, say
+from gcl_core.cli.parsers.choices import PEERS
+from gcl_core.cli.parsers.form import add_json, complete, form
+from gcl_core.cli.parsers.quantities import count, positive
 
 
-def _prediction(
-    method: str, bag: Path, number: int, T_true: np.ndarray, T: np.ndarray | None, seconds: float
-) -> Prediction:
-    distance = float(np.linalg.norm(T_true[:3, 3]))
-    rounded = round(distance, 6)
-    bin_ = next((b for b in BINS if b[0] <= rounded < b[1]), (math.floor(rounded), 999))
-    pair = Pair(number, number, distance, bin_)
-    return Prediction(method, bag.name, pair, 0.0, T_true, T, seconds)
-
-
-def live(
-    bag: Path, out: Path, encounters: list[Encounter], rate: float, settings: list[str]
-) -> list[Prediction]:
-    """Replay the bag through the node, both processes of their own.
-
-    Args:
-        bag: as `gcl bag` writes it.
-        out: for logs.
-        encounters: of the bag.
-        rate: bag seconds a wall second.
-        settings: `NAME:=VALUE` for the node.
-    """
-    with tqdm(total=len(encounters), unit='pair', desc='node') as bar:
-        rows = through_node(
-            bag,
-            out,
-            expected=len(encounters),
-            rate=rate,
-            node_arguments=[part for setting in settings for part in ('-p', setting)],
-            on_estimate=lambda row: bar.update(),
-        )
-    if len(rows) != len(encounters):
-        raise GclError(f'{len(rows)} of {len(encounters)} pairs arrived; see the logs in {out}')
-    return [
-        _prediction('GCL-ROS node', bag, i, row.T_true, row.T_estimated, row.latency)
-        for i, row in enumerate(rows)
-    ]
-
-
-def offline(
-    bag: Path, encounters: list[Encounter], methods: dict[str, Method]
-) -> list[Prediction]:
-    """Run every method on every pair, in this process."""
-    predictions = []
-    for i, e in enumerate(tqdm(encounters, unit='pair', desc=', '.join(methods))):
-        for name, method in methods.items():
-            o = timed(name, method, e.source, e.target)
-            T, truth = o.T_target_source, e.T_target_source
-            predictions.append(_prediction(name, bag, i, truth, T, o.seconds))
-    return predictions
-
-
-def raw(exchange: Exchange) -> Method:
-    """Registers two raw clouds."""
-
-    def method(source: PointCloud, target: PointCloud) -> np.ndarray | None:
-        result = exchange.register(source=exchange.raw(source), target=exchange.raw(target)).result
-        return result.T_target_source if result.accepted else None
-
-    return method
-
-
-def described(exchange: Exchange, keypoints: int) -> Method:
-    """Registers a source described with so many key points, as it is sent, to a raw target."""
-
-    def method(source: PointCloud, target: PointCloud) -> np.ndarray | None:
-        features, message = describe(exchange.registrar.model, source, 1), PointCloud2()
-        fill_feature_cloud(message, features, exchange.weights, keypoints, PointField)
-        scans = {'source': exchange.read(message), 'target': exchange.raw(target)}
-        result = exchange.register(**scans).result
-        return result.T_target_source if result.accepted else None
-
-    return method
-
-
-def run(options: argparse.Namespace) -> None:
-    """Evaluate, write everything, print the table."""
-    bag, out = options.bag, options.out
-    out.mkdir(parents=True, exist_ok=True)
-    encounters = list(read_encounters(bag))
-    methods = {name: PEERS[name]() for name in options.peers}
-    predictions = []
-    config = load_config(RegistrarConfig, options.config) if options.config else RegistrarConfig()
-    if options.offline or options.keypoints:
-        exchange = Exchange(Registrar(config))
-        ours: dict[str, Method] = {'GCL-ROS': raw(exchange)}
-        for count in options.keypoints:
-            ours[f'GCL-ROS, {count} key points'] = described(exchange, count)
-        methods = ours | methods
-    else:
-        predictions = live(bag, out, encounters, options.rate, options.set)
-    if methods:
-        predictions += offline(bag, encounters, methods)
-    record = {key: str(value) for key, value in vars(options).items()}
-    stamps = [e.stamp for e in encounters]
-    print(write_report(out, pair_list_label(bag), predictions, stamps, record))
-
-
-def main() -> None:
-    """Parse the command line and run."""
-    parser = argparse.ArgumentParser(prog='evaluate_bag', description=__doc__)
-    parser.add_argument('bag', type=Path, help='as `gcl bag` writes it')
-    parser.add_argument('--out', type=Path, required=True, help='for tables, pairs, logs')
-    parser.add_argument('--peers', nargs='*', default=['fpfh'], choices=sorted(PEERS))
-    node = parser.add_argument_group('through the node')
-    node.add_argument('--rate', type=float, default=0.2, help='bag seconds a wall second')
+def parser() -> argparse.ArgumentParser:
+    """Everything that `evaluate_bag` takes."""
+    made = argparse.ArgumentParser(
+        prog='evaluate_bag',
+        **form(
+            'Measure recall on a bag through the node, or offline: the same registrar on the\n'
+            'same clouds, without DDS in between.',
+            [
+                'gcl bag from-simulator 7 bag_7 --distance 20 --every 20',
+                'ros2 run gcl_ros evaluate_bag bag_7 --out out --offline',
+            ],
+        ),
+    )
+    made.add_argument('bag', type=Path, help='as `gcl bag` writes it')
+    made.add_argument('--out', type=Path, required=True, help='for tables, pairs, logs')
+    made.add_argument(
+        '--peers', nargs='*', default=['fpfh'], choices=PEERS, help='also run; default: fpfh'
+    )
+    add_json(made)
+    node = made.add_argument_group('through the node')
+    node.add_argument(
+        '--rate', type=positive, default=0.2, help='bag seconds a second; default: %(default)g'
+    )
     node.add_argument(
         '--set', action='append', default=[], metavar='NAME:=VALUE', help='parameter of the node'
     )
-    direct = parser.add_argument_group('offline')
+    direct = made.add_argument_group('offline')
     direct.add_argument('--offline', action='store_true', help='without DDS, as fast as it goes')
     direct.add_argument('--config', type=Path, help='YAML of RegistrarConfig')
     direct.add_argument(
-        '--keypoints', type=int, nargs='+', default=[], help='also with the source described'
+        '--keypoints',
+        type=count,
+        nargs='+',
+        default=[],
+        metavar='N',
+        help='also with the source described by so many key points, as `describer` sends them',
     )
-    options = parser.parse_args()
-    with bad_input_exits('evaluate_bag'):
-        run(options)
+    return made
+
+
+def main() -> int:
+    """Parse the command line and evaluate; returns an exit code."""
+    return run_command('evaluate_bag', _run)
+
+
+def _run() -> int:
+    made = parser()
+    complete(made)
+    options = made.parse_args()
+    return say(lambda: _answer(options))
+
+
+def _answer(options: argparse.Namespace) -> Answer:
+    from gcl_ros.bag_evaluation import run  # only now: rclpy, torch and Open3D take seconds
+
+    return Answer(run(options))
 
 
 if __name__ == '__main__':
-    main()
+    sys.exit(main())

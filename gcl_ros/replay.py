@@ -3,164 +3,84 @@
 from __future__ import annotations
 
 import argparse
-import importlib
-import re
 import sys
-import time
-from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 
-import rclpy
-from rclpy.executors import ExternalShutdownException
-from rclpy.node import Node
-from rclpy.publisher import Publisher
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.utilities import remove_ros_args
-from rosbags.interfaces import Connection
-from rosgraph_msgs.msg import Clock
-
-from gcl_core.errors import GclError, bad_input_exits
-from gcl_ros.bag import CLOUD
-from gcl_ros.bag_reader import Bag, open_bag
-
-SETTLE = 2.0  # seconds until a subscriber that we see has seen us too
-DISCOVERY_LIMIT = 60.0  # seconds to wait for a subscriber: a network takes its time to load
+from gcl_core.cli.outcome import INTERRUPTED, run_command
+from gcl_core.cli.parsers.form import complete, form
+from gcl_core.cli.parsers.quantities import not_negative, positive
 
 
-def message_class(name: str) -> type:
-    """Class of a message type such as `sensor_msgs/msg/PointCloud2`.
+def parser() -> argparse.ArgumentParser:
+    """Everything that `replay` takes."""
+    made = argparse.ArgumentParser(
+        prog='replay',
+        **form(
+            'Publish the messages of a bag on its topics, with the clock, at a rate.\n'
+            'ROS arguments follow after --ros-args.',
+            [
+                'gcl bag from-simulator 7 bag_7 --distance 20 --every 20',
+                'ros2 run gcl_ros replay bag_7 --rate 0.2',
+            ],
+        ),
+    )
+    made.add_argument('bag', type=Path, help='rosbag2 folder, as `gcl bag` writes it')
+    made.add_argument(
+        '--rate', type=positive, default=1.0, help='bag seconds a second; default: %(default)g'
+    )
+    made.add_argument(
+        '--start', type=not_negative, default=0.0, help='seconds to skip; default: %(default)g'
+    )
+    made.add_argument('--loop', action='store_true', help='start again at the end')
+    made.add_argument('--no-clock', action='store_true', help='do not publish /clock')
+    made.add_argument('--best-effort', action='store_true', help='clouds as drivers send them')
+    made.add_argument('--no-wait', action='store_true', help='do not wait for subscribers')
+    return made
 
-    Raises:
-        GclError: its package is not installed.
-    """
-    match = re.fullmatch(r'([a-z]\w*)/msg/([A-Z]\w*)', name)
-    if match is None:
-        raise GclError(f'the bag holds {name!r}, which is no type of messages; is it damaged?')
-    package, kind = match.groups()
+
+def main() -> int:
+    """Parse the command line and replay; returns an exit code."""
+    return run_command('replay', _run)
+
+
+def _run() -> int:
+    made = parser()
+    complete(made)
+    arguments = sys.argv[1:]
+    if '--ros-args' in arguments:
+        from rclpy.utilities import remove_ros_args
+
+        arguments = remove_ros_args(arguments)
+    return _replay(made.parse_args(arguments))
+
+
+def _replay(options: argparse.Namespace) -> int:
+    import rclpy
+    from rclpy.executors import ExternalShutdownException
+    from rclpy.node import Node
+
+    from gcl_ros.playback import Playback, replay
+
+    playback = Playback(
+        rate=options.rate,
+        start=options.start,
+        loop=options.loop,
+        clock=not options.no_clock,
+        reliable=not options.best_effort,
+        wait=not options.no_wait,
+    )
     try:
-        found: type = getattr(importlib.import_module(f'{package}.msg'), kind)
-    except (ImportError, AttributeError):
-        raise GclError(f'the bag holds {name}; install its ROS package {package}') from None
-    return found
-
-
-@dataclass(frozen=True)
-class Playback:
-    """How to play a bag.
-
-    Attributes:
-        rate: bag seconds a wall second.
-        start: seconds of the bag to skip.
-        loop: start again at the end; stamps then jump back, as they do with `ros2 bag play`.
-        clock: publish `/clock`.
-        reliable: clouds over reliable publishers; best effort otherwise, as drivers do.
-        wait: hold the first message back until every cloud topic has a subscriber.
-    """
-
-    rate: float = 1.0
-    start: float = 0.0
-    loop: bool = False
-    clock: bool = True
-    reliable: bool = True
-    wait: bool = True
-
-    def __post_init__(self) -> None:
-        if self.rate <= 0:
-            raise GclError(f'rate is {self.rate}; it must be positive')
-        if self.start < 0:
-            raise GclError(f'start is {self.start}; it must not be negative (seconds)')
-
-
-def replay(path: Path, playback: Playback, node: Node) -> int:
-    """Publish the messages of a bag in order; return how many.
-
-    Raises:
-        GclError: the bag is missing or damaged, or holds no message after `start`.
-    """
-    clock = node.create_publisher(Clock, '/clock', 10) if playback.clock else None
-    with open_bag(path) as reader:
-        begin = reader.start_time + round(playback.start * 1e9)
-        if reader.message_count == 0 or begin > reader.end_time:
-            raise GclError(f'bag {path} holds no messages after {playback.start:g} s')
-        publishers = _publishers(reader, playback, node)
-        clouds = [publishers[c.id] for c in reader.connections if _is_cloud(c)]
-        if playback.wait:
-            _wait(clouds)
-        count = 0
-        while True:
-            began = time.monotonic()
-            for connection, stamp, raw in reader.raw(start=begin):
-                due = (stamp - begin) * 1e-9 / playback.rate
-                time.sleep(max(0.0, due - (time.monotonic() - began)))
-                if not node.context.ok():
-                    return count
-                if clock is not None:
-                    now = Clock()
-                    now.clock.sec, now.clock.nanosec = divmod(stamp, 10**9)
-                    clock.publish(now)
-                publishers[connection.id].publish(bytes(raw))
-                count += 1
-            if not playback.loop:
-                break
-    for publisher in clouds if playback.reliable else ():
-        publisher.wait_for_all_acked(rclpy.duration.Duration(seconds=10))
-    return count
-
-
-def _is_cloud(connection: Connection) -> bool:
-    return connection.msgtype == CLOUD
-
-
-def _publishers(reader: Bag, playback: Playback, node: Node) -> dict[int, Publisher]:
-    """One for each connection; what is no cloud is latched for late joiners."""
-    policy = ReliabilityPolicy.RELIABLE if playback.reliable else ReliabilityPolicy.BEST_EFFORT
-    latched = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    publishers = {}
-    for connection in reader.connections:
-        kind = message_class(connection.msgtype)
-        qos = QoSProfile(depth=10, reliability=policy) if _is_cloud(connection) else latched
-        publishers[connection.id] = node.create_publisher(kind, connection.topic, qos)
-    return publishers
-
-
-def _wait(clouds: list[Publisher]) -> None:
-    """Wait until every topic of clouds is subscribed to."""
-    until = time.monotonic() + DISCOVERY_LIMIT
-    while any(p.get_subscription_count() == 0 for p in clouds):
-        if time.monotonic() > until:
-            names = ', '.join(p.topic_name for p in clouds)
-            raise GclError(f'nobody subscribed to {names} within {DISCOVERY_LIMIT:.0f} s')
-        time.sleep(0.05)
-    time.sleep(SETTLE)
-
-
-def main() -> None:
-    """Parse the command line and replay."""
-    parser = argparse.ArgumentParser(prog='replay', description=__doc__)
-    parser.add_argument('bag', type=Path, help='rosbag2 folder, as `gcl bag` writes it')
-    parser.add_argument('--rate', type=float, default=1.0, help='bag seconds a wall second')
-    parser.add_argument('--start', type=float, default=0.0, help='seconds of the bag to skip')
-    parser.add_argument('--loop', action='store_true', help='start again at the end')
-    parser.add_argument('--no-clock', action='store_true', help='do not publish /clock')
-    parser.add_argument('--best-effort', action='store_true', help='clouds as drivers send them')
-    parser.add_argument('--no-wait', action='store_true', help='do not wait for subscribers')
-    o = parser.parse_args(remove_ros_args(sys.argv)[1:])
-    with suppress(KeyboardInterrupt, ExternalShutdownException), bad_input_exits('replay'):
-        playback = Playback(
-            rate=o.rate,
-            start=o.start,
-            loop=o.loop,
-            clock=not o.no_clock,
-            reliable=not o.best_effort,
-            wait=not o.no_wait,
-        )
         with rclpy.init(args=sys.argv):
             node = Node('replay')
-            count = replay(o.bag, playback, node)
+            count = replay(options.bag, playback, node)
+            if not node.context.ok():
+                return INTERRUPTED
             node.get_logger().info(f'{count} messages replayed')
             node.destroy_node()
+    except ExternalShutdownException:
+        return INTERRUPTED
+    return 0
 
 
 if __name__ == '__main__':
-    main()
+    sys.exit(main())

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -17,6 +16,7 @@ from gcl_core.evaluation.predict import Prediction
 from gcl_core.evaluation.score import score
 from gcl_core.evaluation.tables import markdown
 from gcl_core.files import whole_file, write_text
+from gcl_core.to_json import to_json
 
 
 def write_report(
@@ -40,7 +40,7 @@ def write_report(
         'rows': [asdict(row) for row in rows],
         'predictions': [asdict(p) for p in predictions],
     }
-    write_text(out / 'result.json', json.dumps(content, default=lambda a: a.tolist()) + '\n')
+    write_text(out / 'result.json', to_json(content) + '\n')
     _write_csv(out / 'pairs.csv', predictions, stamps)
     for method in dict.fromkeys(p.method for p in predictions):
         own = [p for p in predictions if p.method == method]

@@ -10,10 +10,9 @@ from pathlib import Path
 from typing import Any, cast
 
 from gcl_core.bench.measure import provenance
-from gcl_core.cli.source import add_source
+from gcl_core.cli.outcome import Answer
 from gcl_core.config import load_config
 from gcl_core.errors import GclError
-from gcl_core.estimation.estimators import ESTIMATORS
 from gcl_core.evaluation.benchmark import (
     BenchmarkConfig,
     Estimators,
@@ -23,74 +22,43 @@ from gcl_core.evaluation.benchmark import (
     Peer,
     SourceConfig,
 )
-from gcl_core.evaluation.compare import PAPER
-from gcl_core.evaluation.peers import PEERS
-from gcl_core.evaluation.report import gather, write
+from gcl_core.evaluation.report import Results, content, gather, write
 from gcl_core.evaluation.runner import Run
 from gcl_core.registrar import RegistrarConfig
+from gcl_core.to_json import to_json
 from gcl_core.training.distributed import Processes, processes
 
-FEATURES = ('ours', 'fpfh')
 
-
-def add_parser(commands: Any) -> None:
-    """Add the subcommand."""
-    parser: argparse.ArgumentParser = commands.add_parser(
-        'evaluate',
-        help='measure recall by distance',
-        description='Run a benchmark. A run with --out that was stopped goes on where it was; '
-        'torchrun shares it among processes.',
-        epilog='Examples: gcl evaluate --config config/bench_kitti.yaml --data DIR --out out; '
-        'gcl evaluate --data DIR --sequence 08 --peers fpfh --random-yaw',
-    )
-    add_source(parser, required=False, several=True)
-    parser.add_argument('--config', type=Path, help='YAML of BenchmarkConfig')
-    parser.add_argument('--out', type=Path, help='folder: predictions, results, report.html')
-    parser.add_argument('--pairs', type=Path, help='list of pairs, as `gcl pairs` writes it')
-    parser.add_argument('--per-bin', type=int, help='random pairs in each distance bin (16)')
-    parser.add_argument('--seed', type=int, help='of the pairs and of the headings (0)')
-    parser.add_argument('--random-yaw', action='store_true', help='turn each source at random')
-    own = parser.add_argument_group('methods, without --config')
-    own.add_argument('--registrar', type=Path, help='YAML of RegistrarConfig')
-    own.add_argument('--peers', nargs='*', default=[], choices=sorted(PEERS), help='also run')
-    own.add_argument(
-        '--estimators',
-        nargs='+',
-        default=[],
-        choices=(*ESTIMATORS, PAPER),
-        help='compare estimators instead: best-supported transform, refined, none withheld',
-    )
-    own.add_argument(
-        '--features', nargs='+', default=list(FEATURES), choices=FEATURES, help='for estimators'
-    )
-    parser.set_defaults(run=run)
-
-
-def run(options: argparse.Namespace) -> int:
-    """Predict, score, print a table."""
+def run(options: argparse.Namespace) -> Answer:
+    """Predict and score."""
     config = benchmark(options)
     with processes(patience=timedelta(days=7)) as own:
         if options.out:
-            _evaluate(config, options.out, own)
-        else:
-            with tempfile.TemporaryDirectory() as folder:
-                _evaluate(config, Path(folder), own, kept=False)
-    return 0
+            return _evaluate(config, options.out, own, options)
+        with tempfile.TemporaryDirectory() as folder:
+            return _evaluate(config, Path(folder), own, options)
 
 
-def _evaluate(config: BenchmarkConfig, folder: Path, own: Processes, *, kept: bool = True) -> None:
+def _evaluate(
+    config: BenchmarkConfig, folder: Path, own: Processes, options: argparse.Namespace
+) -> Answer:
     benchmark_ = Run(config, folder, own, provenance=provenance())
     predictions = benchmark_.predict()
     if not own.first:
-        return
+        return Answer()
     results = gather(benchmark_, predictions)
-    turned = 'at random' if config.random_yaw else 'not'
-    for drawn in benchmark_.drawn:
-        print(f'{drawn.pairs.label}, source turned {turned}')
-    print('\n\n'.join(table.markdown() for table in results.tables[:2]))
-    if kept:
+    if options.out:
         write(benchmark_, predictions, results)
-        print(f'wrote {folder}/results.json, results.md and report.html')
+    if options.json:
+        return Answer(to_json(content(benchmark_, results)))
+    wrote = f'\nwrote {folder}/results.json, results.md and report.html' if options.out else ''
+    return Answer(_text(benchmark_, results) + wrote)
+
+
+def _text(run: Run, results: Results) -> str:
+    turned = 'at random' if run.config.random_yaw else 'not'
+    labels = [f'{drawn.pairs.label}, source turned {turned}' for drawn in run.drawn]
+    return '\n'.join(labels + ['\n\n'.join(table.markdown() for table in results.tables[:2])])
 
 
 def benchmark(options: argparse.Namespace) -> BenchmarkConfig:
@@ -111,14 +79,14 @@ def benchmark(options: argparse.Namespace) -> BenchmarkConfig:
         listed = PairsConfig(kind='list', file=str(options.pairs), limit=limit)
         config = replace(config, pairs=(listed,))
     elif options.per_bin is not None or not options.config:
-        per_bin = 16 if options.per_bin is None else options.per_bin
-        if per_bin < 1:
-            raise GclError(f'--per-bin is {per_bin}; it must be at least 1')
+        per_bin = options.per_bin or PairsConfig.per_bin
         config = replace(config, pairs=(PairsConfig(per_bin=per_bin, seed=config.seed),))
     return config
 
 
 def _source(options: argparse.Namespace, source: SourceConfig) -> SourceConfig:
+    if options.simulated is not None and options.sequence:
+        raise GclError(f'--sequence {options.sequence[0]} is of --data; --simulated has but one')
     if options.simulated is not None:
         return replace(source, data='', sequences=(), simulated=(options.simulated,))
     if options.data:

@@ -4,33 +4,52 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from importlib import import_module
 
-from gcl_core.cli import bag, evaluate, inspect, pairs, register, simulate, train
-from gcl_core.errors import GclError
+from gcl_core.cli.outcome import Answer, run_command, say
+from gcl_core.cli.parsers import bag, evaluate, inspect, pairs, register, simulate, train
+from gcl_core.cli.parsers.form import complete, form
 
 COMMANDS = (register, train, evaluate, pairs, simulate, inspect, bag)
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a subcommand; returns 0, 1 when no transform was accepted, or 2 for bad input."""
-    parser = argparse.ArgumentParser(
+def parser() -> argparse.ArgumentParser:
+    """Everything that `gcl` takes."""
+    made = argparse.ArgumentParser(
         prog='gcl',
-        description='Distant registration of LiDAR scans with density-invariant features.',
-        epilog='Exit codes: 0 done, 1 no transform accepted, 2 bad input.',
+        **form(
+            'Distant registration of LiDAR scans with density-invariant features.',
+            [
+                'gcl inspect --simulated 7 --pair 120 100 --picture pair.png',
+                'gcl evaluate --simulated 7 --per-bin 2',
+                'gcl COMMAND --help',
+            ],
+        ),
     )
-    commands = parser.add_subparsers(dest='command', required=True, metavar='COMMAND')
+    commands = made.add_subparsers(dest='command', required=True, metavar='COMMAND')
     for command in COMMANDS:
         command.add_parser(commands)
-    options = parser.parse_args(arguments)
-    try:
-        code: int = options.run(options)
-    except (GclError, OSError) as error:  # a full disk may end anything that writes
-        print(f'gcl {options.command}: {error}', file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        return 130
-    return code
+    return made
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a subcommand; returns an exit code, see `parsers.form.EXIT_CODES`."""
+    return run_command('gcl', lambda: _run(arguments))
+
+
+def _run(arguments: Sequence[str] | None) -> int:
+    made = parser()
+    complete(made)
+    options = made.parse_args(arguments)
+    return run_command(f'gcl {options.command}', lambda: say(lambda: _answer(options)))
+
+
+def _answer(options: argparse.Namespace) -> Answer:
+    """What the command's module says; loaded only now, since torch and Open3D take seconds."""
+    run: Callable[[argparse.Namespace], Answer]
+    run = import_module(f'gcl_core.cli.{options.command}').run
+    return run(options)
 
 
 if __name__ == '__main__':

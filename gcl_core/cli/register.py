@@ -3,42 +3,24 @@
 from __future__ import annotations
 
 import argparse
-import json
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from gcl_core import se3
+from gcl_core.cli.outcome import Answer
 from gcl_core.config import load_config
 from gcl_core.data.clouds import read_cloud, write_cloud
 from gcl_core.evaluation.agreement import agreeing
 from gcl_core.evaluation.plots import birds_eye
 from gcl_core.evaluation.recording import record
 from gcl_core.registrar import Registrar, RegistrarConfig
+from gcl_core.to_json import to_json
 from gcl_core.types import PointCloud, Registration
 
 
-def add_parser(commands: Any) -> None:
-    """Add the subcommand."""
-    parser: argparse.ArgumentParser = commands.add_parser(
-        'register',
-        help='register two scans',
-        description='Print the transform that maps SOURCE points into the frame of TARGET.',
-        epilog='Example: gcl register b.bin a.bin --picture pair.png',
-    )
-    parser.add_argument('source', type=Path, help='.bin (KITTI), .pcd, .ply or .npy')
-    parser.add_argument('target', type=Path, help='likewise')
-    parser.add_argument('--config', type=Path, help='YAML of RegistrarConfig')
-    parser.add_argument('--aligned', type=Path, help='write the source in the target frame here')
-    parser.add_argument('--picture', type=Path, help="write a bird's-eye picture (.png) here")
-    parser.add_argument('--rerun', type=Path, help='write a Rerun recording (.rrd) here')
-    parser.add_argument('--json', action='store_true', help='print one JSON object')
-    parser.set_defaults(run=run)
-
-
-def run(options: argparse.Namespace) -> int:
-    """Register; returns 1 when no transform was accepted."""
+def run(options: argparse.Namespace) -> Answer:
+    """Register; the code is 1 when no transform was accepted."""
     config = load_config(RegistrarConfig, options.config) if options.config else None
     source, target = read_cloud(options.source), read_cloud(options.target)
     registrar = Registrar(config)
@@ -48,8 +30,8 @@ def run(options: argparse.Namespace) -> int:
         write_cloud(options.aligned, PointCloud(se3.transform(T, source.points)))
     if options.picture or options.rerun:
         _show(options, registrar, source, target, T)
-    print(json.dumps(_summary(result)) if options.json else _text(result))
-    return 0 if result.accepted else 1
+    text = to_json(_summary(result)) if options.json else _text(result)
+    return Answer(text, 0 if result.accepted else 1)
 
 
 def _show(
@@ -75,12 +57,11 @@ def _show(
 
 
 def _summary(result: Registration) -> dict[str, Any]:
-    T, covariance = result.T_target_source, result.covariance
     return {
-        'T_target_source': None if T is None else T.tolist(),
+        'T_target_source': result.T_target_source,
         'accepted': result.accepted,
         'probability': result.probability,
-        'covariance': None if covariance is None else covariance.tolist(),
+        'covariance': result.covariance,
         'inliers': result.inliers,
         'ms': result.ms,
         **({} if result.accepted else {'reason': result.reason}),

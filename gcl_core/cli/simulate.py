@@ -3,51 +3,18 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
-from typing import Any, get_args
 
 from gcl_core import se3
+from gcl_core.cli.outcome import Answer
 from gcl_core.data.kitti_writer import write_kitti
-from gcl_core.data.simulator.kinds import KINDS
-from gcl_core.data.simulator.meeting import Manoeuvre, meet
-from gcl_core.data.simulator.sensors import SENSORS
+from gcl_core.data.simulator.meeting import meet
 from gcl_core.data.simulator.sequence import SimulatedSequence
 from gcl_core.errors import GclError
+from gcl_core.progress import progress
 
 
-def add_parser(commands: Any) -> None:
-    """Add the subcommand."""
-    parser: argparse.ArgumentParser = commands.add_parser(
-        'simulate',
-        help='write simulated drives',
-        description='Write one vehicle, or two that meet, in KITTI layout (sequences 00 and 01) '
-        'or, two only, as a bag with the true transforms.',
-        epilog='Example: gcl simulate 7 out --meet oncoming --sensor hdl64e hdl32e --bag',
-    )
-    parser.add_argument('world', type=int, help='seed of the world')
-    parser.add_argument('out', type=Path, help='folder to write')
-    parser.add_argument('--kind', choices=sorted(KINDS), help='kind of place; else by the seed')
-    parser.add_argument(
-        '--meet', choices=get_args(Manoeuvre), help='a second vehicle that does so'
-    )
-    parser.add_argument(
-        '--sensor',
-        nargs='+',
-        default=['hdl64e'],
-        choices=sorted(SENSORS),
-        help='of the first and, if it has another, of the second vehicle',
-    )
-    parser.add_argument('--spacing', type=float, default=1.0, help='metres between scans')
-    parser.add_argument('--scans', type=int, help='scans from the middle of the drive; else all')
-    parser.add_argument('--bag', action='store_true', help='write a rosbag2 instead')
-    parser.add_argument('--storage', choices=('mcap', 'sqlite3'), default='mcap')
-    parser.set_defaults(run=run)
-
-
-def run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> Answer:
     """Drive and write."""
-    if options.spacing <= 0 or (options.scans is not None and options.scans < 1):
-        raise GclError('--spacing must be positive and --scans at least 1')
     if len(options.sensor) > (2 if options.meet else 1):
         raise GclError(f'{len(options.sensor)} sensors given; one for each vehicle, see --meet')
     if options.bag and not options.meet:
@@ -88,8 +55,8 @@ def run(options: argparse.Namespace) -> int:
                 T_origin_world=T_origin_world,
             )
     place = drives[0].world.street.kind_name
-    print(f'wrote {count} scans of {len(drives)} vehicle(s), {place}, to {options.out}')
-    return 0
+    vehicles = f'{len(drives)} vehicle(s), {place}'
+    return Answer(f'wrote {count} scans of {vehicles}, to {options.out}')
 
 
 def _write_bag(
@@ -99,11 +66,8 @@ def _write_bag(
     indices: range,
 ) -> None:
     """Write both vehicles' scans of the same moments, the second vehicle as the source."""
-    try:
-        from gcl_ros.bag import pair_encounters, write_bag
-    except ImportError as error:
-        raise GclError(f'a bag needs rosbags ({error}): pip install rosbags') from None
+    from gcl_ros.bag import pair_encounters, write_bag
 
     period = target.stamp(1) - target.stamp(0)
-    pairs = [(i, i) for i in indices]
+    pairs = progress([(i, i) for i in indices], unit='pair')
     write_bag(options.out, pair_encounters(source, target, pairs, period), options.storage)

@@ -22,6 +22,8 @@ def read_cloud(path: Path) -> PointCloud:
     Raises:
         GclError: missing, broken, empty, or of an unknown format.
     """
+    if path.is_dir():
+        raise GclError(f'{path} is a folder; name one cloud in it, {", ".join(FORMATS)}')
     if path.suffix not in FORMATS:
         raise GclError(f'{path}: unknown format {path.suffix!r}; use {", ".join(FORMATS)}')
     if not path.is_file():
@@ -55,7 +57,8 @@ def write_cloud(path: Path, cloud: PointCloud) -> None:
             rows.astype(np.float32).tofile(part)
         else:
             tensor = o3d.t.geometry.PointCloud(o3d.core.Tensor(cloud.points))
-            written = o3d.t.io.write_point_cloud(str(part), tensor)
+            with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
+                written = o3d.t.io.write_point_cloud(str(part), tensor)
             if not written or part.stat().st_size < cloud.points.nbytes:  # .ply never says no
                 raise GclError(f'cannot write {path}: does its folder exist, is the disk full?')
 

@@ -11,6 +11,7 @@ from gcl_core import se3
 from gcl_core.data.clouds import write_cloud
 from gcl_core.data.sequence import Sequence
 from gcl_core.errors import GclError
+from gcl_core.progress import progress
 
 IDENTITY = '1 0 0 0 0 1 0 0 0 0 1 0'
 
@@ -50,7 +51,7 @@ def write_kitti(
         (folder / 'velodyne').mkdir(parents=True)
         (root / 'poses').mkdir(exist_ok=True)
         poses = []
-        for row, index in enumerate(indices):
+        for row, index in enumerate(progress(indices, desc=number, unit='scan')):
             write_cloud(folder / 'velodyne' / f'{row:06d}.bin', sequence.scan(index))
             T = T_origin_world @ sequence.T_world_lidar(index)
             poses.append(' '.join(f'{value:.9e}' for value in T[:3].ravel()))

@@ -135,7 +135,10 @@ def read_pair_list(path: Path) -> PairList:
     try:
         lines = [line.strip() for line in path.read_text().splitlines()]
     except (OSError, UnicodeDecodeError) as error:
-        raise GclError(f'cannot read pair list {path}: {error}') from None
+        reason = getattr(error, 'strerror', None) or error
+        raise GclError(
+            f'cannot read pair list {path}: {reason}; write one with gcl pairs'
+        ) from None
     notes = [line[1:].strip() for line in lines if line.startswith('#')]
     header = dict(note.split(': ', 1) for note in notes if ': ' in note)
     digits = 0 if 'sha256' in header else 2

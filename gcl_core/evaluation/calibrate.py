@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 import torch
-from tqdm import tqdm
 
 from gcl_core.errors import GclError, bad_input_exits
 from gcl_core.estimation.confidence import THIN, Calibration, Calibrations, Stage, save_calibration
@@ -23,6 +22,7 @@ from gcl_core.estimation.fit_judges import fit_choice, fit_judge, fit_trust
 from gcl_core.evaluation.encounters import Seen, encounters, few_turns
 from gcl_core.evaluation.reliability import Verdicts, fit_spread, joined, report, verdicts
 from gcl_core.evaluation.trials import GATE_MARGIN, Trial, load_trials, save_trials
+from gcl_core.progress import progress
 from gcl_core.registrar import Registrar, RegistrarConfig, calibration_file
 
 REPEATED_WEIGHT = 1 / 3  # every fourth world repeats one house; fewer streets do
@@ -41,7 +41,7 @@ def collect(
     folder.mkdir(parents=True, exist_ok=True)
     others: list[Seen] = []
     began, turns, few = time.monotonic(), registrar.config.turns, few_turns(registrar)
-    for number in tqdm(range(first, last), unit='world'):
+    for number in progress(range(first, last), unit='world'):
         path = folder / f'world_{number:05d}.safetensors'
         if path.exists():
             continue

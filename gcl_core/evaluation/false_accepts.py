@@ -17,7 +17,6 @@ from dataclasses import asdict, replace
 from pathlib import Path
 
 import torch
-from tqdm import tqdm
 
 from gcl_core.errors import GclError, bad_input_exits
 from gcl_core.evaluation import metrics
@@ -25,6 +24,7 @@ from gcl_core.evaluation.accept_tables import Row, by_distance, by_kind, markdow
 from gcl_core.evaluation.adversaries import Case, group
 from gcl_core.evaluation.encounters import few_turns
 from gcl_core.models import zoo
+from gcl_core.progress import progress
 from gcl_core.registrar import Registrar, RegistrarConfig
 
 ALL_TURNS_EVERY = 12  # groups: one at all headings, the others at few
@@ -65,7 +65,7 @@ def measure(registrar: Registrar, folder: Path, numbers: Iterable[int], seconds:
         registrar.config = replace(
             registrar.config, turns=turns if number % ALL_TURNS_EVERY == 0 else few
         )
-        cases = tqdm(group(registrar, number), desc=path.stem, unit='pair')
+        cases = progress(group(registrar, number), desc=path.stem, unit='pair')
         rows = [asdict(judge(registrar, case)) for case in cases]
         path.write_text(json.dumps(rows) + '\n')
 

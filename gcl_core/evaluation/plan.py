@@ -9,7 +9,6 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from tqdm import tqdm
 
 from gcl_core.data import pair_sets
 from gcl_core.data.formats import open_sequences, sequence_names
@@ -21,6 +20,7 @@ from gcl_core.data.simulator.meeting import meet
 from gcl_core.data.simulator.sequence import SimulatedSequence
 from gcl_core.errors import GclError
 from gcl_core.evaluation.benchmark import BenchmarkConfig, PairsConfig, SourceConfig
+from gcl_core.progress import progress
 
 HDL64E = ('hdl64e',)  # of simulated vehicles by default
 
@@ -140,7 +140,7 @@ def _lists(config: PairsConfig, sequences: dict[str, Sequence]) -> Iterator[Pair
     elif config.kind == 'fcgf':
         yield pair_sets.fcgf_set(sequences)
     elif config.kind == 'low_overlap':
-        with tqdm(unit='pair', desc='overlaps') as bar:
+        with progress(unit='pair', desc='overlaps') as bar:
             found = pair_sets.low_overlap_set(sequences, keep=lambda *_: bar.update() and None)
         yield found
     else:

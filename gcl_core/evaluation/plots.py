@@ -29,7 +29,10 @@ def save(figure: object, path: Path) -> None:
     try:
         figure.savefig(path, dpi=110, bbox_inches='tight')  # type: ignore[attr-defined]
     except (OSError, ValueError) as error:
-        raise GclError(f'cannot write picture {path}: {error}') from None
+        reason = getattr(error, 'strerror', None) or error
+        raise GclError(
+            f'cannot write picture {path}: {reason}; give a .png in a folder that is there'
+        ) from None
 
 
 def svg(figure: Any) -> str:

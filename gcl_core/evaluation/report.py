@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
-
-import numpy as np
 
 from gcl_core.errors import GclError
 from gcl_core.evaluation.benchmark import Ours
@@ -23,6 +20,7 @@ from gcl_core.evaluation.runner import Run
 from gcl_core.evaluation.score import Row, by_overlap, by_sensors, by_yaw, score
 from gcl_core.evaluation.tables import Table, recall, stages, summary
 from gcl_core.files import write_text
+from gcl_core.to_json import to_json
 
 BREAKDOWNS = {
     'difference in heading, °': by_yaw,
@@ -57,7 +55,7 @@ class Results:
 def write(run: Run, predictions: Sequence[Prediction], results: Results) -> None:
     """Write results and figures into the run's folder; the worst cases' scans are read again."""
     folder = run.folder
-    write_text(folder / 'results.json', json.dumps(_plain(_content(run, results)), indent=1))
+    write_text(folder / 'results.json', to_json(content(run, results), indent=1))
     write_text(folder / 'results.md', in_markdown(run.config.title, results))
     page_ = page(
         run.config.title,
@@ -175,7 +173,8 @@ def in_markdown(title: str, results: Results) -> str:
     return '\n\n'.join(parts) + '\n'
 
 
-def _content(run: Run, results: Results) -> dict[str, Any]:
+def content(run: Run, results: Results) -> dict[str, Any]:
+    """What results.json holds."""
     return {
         'title': run.config.title,
         **results.facts,
@@ -195,14 +194,3 @@ def _content(run: Run, results: Results) -> dict[str, Any]:
         'figures': results.figures,
         'published': [asdict(p) for p in results.published],
     }
-
-
-def _plain(value: Any) -> Any:
-    """Numbers and lists that JSON has; nan becomes null."""
-    if isinstance(value, dict):
-        return {key: _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    if isinstance(value, np.ndarray | np.generic):
-        return _plain(value.tolist())
-    return None if isinstance(value, float) and not np.isfinite(value) else value

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
 from gcl_core.data.overlap import overlap
 from gcl_core.data.pair_list import ListedPair, PairList
@@ -30,6 +29,7 @@ from gcl_core.evaluation.predict import (
 )
 from gcl_core.evaluation.records import from_line, mend, merged, read_lines, to_line
 from gcl_core.models import zoo
+from gcl_core.progress import progress
 from gcl_core.training.distributed import Processes
 
 DECIDES = ('source', 'pairs', 'random_yaw', 'seed', 'methods', 'overlap')  # what is predicted
@@ -125,7 +125,7 @@ class Run:
             for method in self.config.methods
             if needed & {*method.estimators}
         ]
-        bar = tqdm(total=len(mine), unit='pair', disable=not self.own.first)
+        bar = progress(total=len(mine), unit='pair', hidden=not self.own.first)
         with path.open('a') as file, bar:
             for task, missing in mine:
                 for prediction in self._pair(task, missing, contestants):

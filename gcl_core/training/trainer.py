@@ -12,13 +12,13 @@ from typing import Any
 import torch
 from torch import nn
 from torch.utils.data import DataLoader
-from tqdm import tqdm
 
 from gcl_core.data.groups import find_groups, sample_groups
 from gcl_core.losses.combined import combined
 from gcl_core.models.backbone import Backbone
 from gcl_core.models.zoo import build
 from gcl_core.ops.memory import keep_freed_memory
+from gcl_core.progress import progress
 from gcl_core.training import checkpoint
 from gcl_core.training.averaging import averaged, follow
 from gcl_core.training.distributed import Processes
@@ -77,12 +77,12 @@ class Trainer:
     def run(self) -> None:
         """Train to the last step."""
         keep_freed_memory()
-        bar = tqdm(
+        bar = progress(
             total=self.config.steps,
             initial=self.step,
             unit='step',
             mininterval=5,
-            disable=not self.processes.first,
+            hidden=not self.processes.first,
         )
         with TrainingLog(self.folder) if self.processes.first else nullcontext() as log:
             for samples in self._batches():

@@ -14,7 +14,10 @@ from gcl_core.data.simulator.sensors import sensor_named
 from gcl_core.data.simulator.street import Street
 from gcl_core.data.simulator.sweep import sweep
 from gcl_core.data.simulator.traffic import Moment, Traffic, body, joined
+from gcl_core.errors import GclError
 from gcl_core.types import PointCloud
+
+MIN_SPACING = 1e-3  # metres between scans; 180,000 of them in a drive
 
 
 class World:
@@ -39,7 +42,7 @@ class SimulatedSequence:
         seed: of the world and of every scan in it.
         sensor: a name from `gcl_core.data.simulator.sensors.SENSORS`.
         span: metres driven, centred on the middle of the route.
-        spacing: metres between scans.
+        spacing: metres between scans, a millimetre to half the span.
         oncoming: short for `route='oncoming'`. The same seed gives the same world and the same
             clock, so that two vehicles can meet in it.
         route: where in the street to drive.
@@ -49,6 +52,9 @@ class SimulatedSequence:
             on it.
         moving: whether anything moves but the vehicle itself.
         conditions: noise, losses, de-skewing; drawn from the seed when None.
+
+    Raises:
+        GclError: spacing out of its bounds, no such sensor.
     """
 
     def __init__(
@@ -66,6 +72,8 @@ class SimulatedSequence:
         moving: bool = True,
         conditions: Conditions | None = None,
     ) -> None:
+        if not MIN_SPACING <= spacing <= span / 2:
+            raise GclError(f'spacing is {spacing:g} m; it must be {MIN_SPACING:g} to {span / 2:g}')
         self.name = f'sim/{seed}'
         self._seed, self._kind, self._world = seed, kind, world
         self._sensor = sensor_named(sensor)

@@ -16,7 +16,7 @@ from gcl_core.errors import GclError
 from gcl_core.types import PointCloud
 from gcl_ros.bag import Encounter, write_bag
 from gcl_ros.conversions import seconds
-from gcl_ros.replay import Playback, replay
+from gcl_ros.playback import Playback, replay
 
 
 @pytest.fixture(scope='module')
