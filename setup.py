@@ -8,6 +8,7 @@ NAME = 'gcl_ros'
 ROS_PACKAGES = [
     'rclpy',
     'rmw-fastrtps-cpp',
+    'std-msgs',
     'sensor-msgs',
     'geometry-msgs',
     'nav-msgs',

@@ -8,9 +8,12 @@ from __future__ import annotations
 
 import argparse
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
+from rclpy.executors import ExternalShutdownException
 from sensor_msgs.msg import PointCloud2, PointField
 
 from gcl_core.config import load_config
@@ -40,6 +43,15 @@ def _prediction(
     return Prediction(method, bag.name, pair, 0.0, T_true, T, seconds)
 
 
+@contextmanager
+def _stopped() -> Iterator[None]:
+    """ROS ends a wait in its own way when it is told to stop."""
+    try:
+        yield
+    except ExternalShutdownException:
+        raise KeyboardInterrupt from None
+
+
 def live(
     bag: Path, out: Path, encounters: list[Encounter], rate: float, settings: list[str]
 ) -> list[Prediction]:
@@ -52,7 +64,7 @@ def live(
         rate: bag seconds a wall second.
         settings: `NAME:=VALUE` for the node.
     """
-    with progress(total=len(encounters), unit='pair', desc='node') as bar:
+    with progress(total=len(encounters), unit='pair', desc='node') as bar, _stopped():
         rows = through_node(
             bag,
             out,

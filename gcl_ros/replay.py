@@ -9,6 +9,7 @@ from pathlib import Path
 from gcl_core.cli.outcome import INTERRUPTED, run_command
 from gcl_core.cli.parsers.form import complete, form
 from gcl_core.cli.parsers.quantities import not_negative, positive
+from gcl_core.errors import GclError
 
 
 def parser() -> argparse.ArgumentParser:
@@ -48,15 +49,21 @@ def _run() -> int:
     complete(made)
     arguments = sys.argv[1:]
     if '--ros-args' in arguments:
-        from rclpy.utilities import remove_ros_args
-
-        arguments = remove_ros_args(arguments)
+        arguments = _without_ros(arguments)
     return _replay(made.parse_args(arguments))
+
+
+def _without_ros(arguments: list[str]) -> list[str]:
+    from rclpy.utilities import remove_ros_args
+
+    try:
+        return list(remove_ros_args(arguments))
+    except RuntimeError as error:  # rcl's own, told of no common kind
+        raise GclError(f'--ros-args: {error}; give pairs such as -p NAME:=VALUE') from None
 
 
 def _replay(options: argparse.Namespace) -> int:
     import rclpy
-    from rclpy.executors import ExternalShutdownException
     from rclpy.node import Node
 
     from gcl_ros.playback import Playback, replay
@@ -69,16 +76,18 @@ def _replay(options: argparse.Namespace) -> int:
         reliable=not options.best_effort,
         wait=not options.no_wait,
     )
-    try:
-        with rclpy.init(args=sys.argv):
-            node = Node('replay')
+    with rclpy.init(args=sys.argv):
+        node = Node('replay')
+        try:
             count = replay(options.bag, playback, node)
-            if not node.context.ok():
-                return INTERRUPTED
-            node.get_logger().info(f'{count} messages replayed')
-            node.destroy_node()
-    except ExternalShutdownException:
-        return INTERRUPTED
+        except RuntimeError:  # rcl's own, where ROS is told to stop meanwhile
+            if node.context.ok():
+                raise
+            return INTERRUPTED
+        if not node.context.ok():
+            return INTERRUPTED
+        node.get_logger().info(f'{count} messages replayed')
+        node.destroy_node()
     return 0
 
 

@@ -61,11 +61,13 @@ def test_register_records_or_names_the_package(pair, tmp_path, capsys):
         (['train', '--config', 'no.yaml', '--out', 'x'], 'cannot read config no.yaml'),
         (['evaluate', '--data', 'nowhere'], 'no folder nowhere'),
         (['evaluate'], 'names no data; give --data DIR or --simulated SEED'),
-        (['evaluate', '--simulated', '3', '--per-bin', '0'], '--per-bin is 0'),
+        (['evaluate', '--simulated', '3', '--sequence', '08'], '--sequence 08 is of --data'),
+        (['register', 'docs', 'no.bin'], 'docs is a folder; name one cloud'),
+        (['bag', 'info', 'no_bag'], 'cannot read bag no_bag: it does not exist'),
+        (['bag', 'info', 'docs'], 'no metadata.yaml in it'),
         (['evaluate', '--config', 'no.yaml'], 'cannot read config no.yaml'),
         (['train', '--config', 'config/train_conv.yaml', '--set', 'a', '--out', 'x'], "'a' sets"),
         (['pairs', 'p', '--data', 'nowhere', '--fcgf'], 'no folder nowhere'),
-        (['pairs', 'p', '--data', '.', '--random', '0'], '--random is 0'),
         (['bag', 'from-data', 'nowhere', 'b', '--pairs', '1'], 'no folder nowhere'),
         (['evaluate', '--data', 'nowhere', '--sequence', '08'], 'no folder nowhere'),
         (['bag', 'from-kitti', 'nowhere', '08', 'b', '--distance', '20'], 'no folder nowhere'),
@@ -111,17 +113,18 @@ def test_evaluate_on_a_list_names_it_and_its_hash(tmp_path, pair, folder, capsys
     text = (tmp_path / 'p.txt').read_text().splitlines()
     (tmp_path / 'one.txt').write_text(text[-5])
     short = read_pair_list(tmp_path / 'one.txt')
-    code = main(
-        ['evaluate', '--data', str(folder), '--pairs', str(tmp_path / 'one.txt')]
-        + ['--registrar', str(pair / 'fast.yaml'), '--out', str(tmp_path / 'out')]
-    )
-    assert code == 0
+    arguments = ['evaluate', '--data', str(folder), '--pairs', str(tmp_path / 'one.txt')]
+    arguments += ['--registrar', str(pair / 'fast.yaml'), '--out', str(tmp_path / 'out')]
+    assert main(arguments) == 0
     assert f'one, 1 pairs, sha256 {short.sha256[:12]}' in capsys.readouterr().out
     result = json.loads((tmp_path / 'out/results.json').read_text())
     listed = {'dataset': 'one', 'name': 'one', 'count': 1, 'sha256': short.sha256}
     assert result['pairs'] == [listed]
     assert result['sequences'] == ['folder/a']
     lines = (tmp_path / 'out/predictions-0.jsonl').read_text().splitlines()
+    assert main([*arguments, '--json']) == 0
+    printed = json.loads(capsys.readouterr().out)
+    assert {**printed, 'date': ''} == {**result, 'date': ''}
     predicted = [(p['pair']['source'], p['pair']['target']) for p in map(json.loads, lines)]
     assert predicted == [(p.source, p.target) for p in short.pairs]
 
@@ -131,9 +134,13 @@ def test_evaluate_on_a_list_names_it_and_its_hash(tmp_path, pair, folder, capsys
     [(['--range', '5', '20'], 1, 'folder [5,20]'), (['--fcgf'], 5, 'folder [10,10]')],
 )
 def test_pairs_of_a_short_drive(tmp_path, folder, capsys, kind, size, name):
-    assert main(['pairs', str(tmp_path / 'p.txt'), '--data', str(folder), *kind]) == 0
+    arguments = ['pairs', str(tmp_path / 'p.txt'), '--data', str(folder), *kind, '--json']
+    assert main(arguments) == 0
     pairs = read_pair_list(tmp_path / 'p.txt')
     assert pairs.name == name
+    facts = json.loads(capsys.readouterr().out)
+    assert (facts['name'], facts['pairs']) == (name, len(pairs.pairs))
+    assert facts['sha256'] == pairs.sha256
     assert len(pairs.pairs) >= size
 
 

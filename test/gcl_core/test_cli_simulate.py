@@ -1,5 +1,6 @@
 """`gcl simulate` and `gcl inspect` on small data."""
 
+import json
 import sys
 
 import numpy as np
@@ -58,11 +59,11 @@ def test_a_bag_holds_both_vehicles(tmp_path):
         np.testing.assert_allclose(encounter.T_target_source, T, atol=1e-9)
 
 
-def test_a_bag_without_rosbags_says_what_to_install(tmp_path, monkeypatch, capsys):
+def test_a_package_that_is_missing_is_told(tmp_path, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, 'gcl_ros.bag', None)
     out = str(tmp_path / 'bag')
     assert main(['simulate', '62', out, '--meet', 'oncoming', '--bag', *FAST]) == 2
-    assert 'pip install rosbags' in capsys.readouterr().err
+    assert 'install what is missing' in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -70,10 +71,11 @@ def test_a_bag_without_rosbags_says_what_to_install(tmp_path, monkeypatch, capsy
     [
         (['simulate', '5', 'x', '--bag'], 'say how they meet'),
         (['simulate', '5', 'x', '--sensor', 'vlp16', 'vlp16'], '2 sensors given'),
-        (['simulate', '5', 'x', '--spacing', '0'], '--spacing must be positive'),
+        (['simulate', '5', 'x', '--spacing', '1e-9'], 'spacing is 1e-09 m; it must be 0.001 to'),
+        (['simulate', '5', 'x', '--spacing', '1e9'], 'spacing is 1e+09 m; it must be 0.001 to'),
+        (['inspect', '--simulated', '5', '--sequence', '0'], '--sequence 0 is of --data'),
         (['inspect', '--simulated', '5', '--sensor', 'vlp16', '--scan', '900'], 'scans 0 to 180'),
         (['inspect', '--simulated', '5', '--pair', '0', '-1'], 'not -1'),
-        (['inspect', '--simulated', '5', '--compare', '0'], 'must be at least 1'),
         (['inspect', '--data', 'nowhere'], 'no folder nowhere'),
     ],
 )
@@ -83,20 +85,24 @@ def test_bad_input_exits_with_two(arguments, message, capsys):
 
 
 @pytest.mark.parametrize(
-    ('what', 'expected'),
+    ('what', 'expected', 'key'),
     [
-        (['--scans', '2'], 'of 0.3 m a scan'),
-        (['--scan', '1'], 'counted [1]'),
-        (['--pair', '2', '0'], 'overlap within 0.45 m'),
-        (['--group', '1'], 'of its points form a group'),
+        (['--scans', '2'], 'of 0.3 m a scan', 'points'),
+        (['--scan', '1'], 'counted [1]', 'counted'),
+        (['--pair', '2', '0'], 'overlap within 0.45 m', 'T_target_source'),
+        (['--group', '1'], 'of its points form a group', 'share'),
     ],
 )
-def test_inspect_counts_and_draws(tree, tmp_path, what, expected, capsys):
+def test_inspect_counts_and_draws(tree, tmp_path, what, expected, key, capsys):
     picture = tmp_path / 'p.png'
     arguments = ['inspect', '--data', str(tree), '--sequence', '00', *what]
     assert main([*arguments, '--picture', str(picture)]) == 0
     assert expected in capsys.readouterr().out
     assert picture.stat().st_size > 10_000
+    assert main([*arguments, '--json']) == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert facts['sequence'] == 'kitti/00'
+    assert facts[key]
 
 
 def test_inspect_compares_with_simulated_worlds(tree, tmp_path, capsys):

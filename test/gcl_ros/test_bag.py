@@ -1,3 +1,5 @@
+import json
+
 import numpy as np
 import pytest
 
@@ -125,6 +127,11 @@ def test_info_tells_topics_pairs_and_distances(tmp_path, encounter, capsys):
     assert '100 points' in out
     assert 'pairs: one pair' in out
     assert '5–10 m: 1 pairs, headings up to 57° apart' in out
+    assert main(['bag', 'info', str(tmp_path / 'b'), '--json']) == 0
+    info = json.loads(capsys.readouterr().out)
+    assert (info['messages'], info['pair_list']) == (3, 'one pair')
+    assert [topic['points'] for topic in info['topics']] == [100, 100, None]
+    assert 5 <= info['pairs'][0][0] < 10
     assert main(['bag', 'info', str(tmp_path / 'none')]) == 2
 
 

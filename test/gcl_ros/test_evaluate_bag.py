@@ -49,9 +49,31 @@ def test_offline_writes_tables_pairs_and_trajectories(bag, tmp_path, monkeypatch
     truth = np.loadtxt(tmp_path / 'o/truth.tum', ndmin=2)
     assert estimated.shape == (1, 8)
     assert truth.shape == (2, 8)
+    monkeypatch.setattr(sys, 'argv', ['evaluate_bag', *arguments, *fast[:2], '--json'])
+    evaluate_bag.main()
+    printed = json.loads(capsys.readouterr().out)
+    assert printed['pairs'] == 'two pairs'
+    assert [(row['method'], row['loose']) for row in printed['rows']] == [('GCL-ROS', 1)]
     T = se3.from_rotation_translation(se3.from_quaternion(*truth[0, 4:]), truth[0, 1:4])
     np.testing.assert_allclose(T, meeting[2], atol=1e-6)
     assert np.linalg.norm(estimated[0, 1:4] - truth[0, 1:4]) < metrics.STRICT.rte
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'message'),
+    [
+        (['--config', 'x.yaml'], '--config x.yaml is for --offline'),
+        (['--offline', '--set', 'turns:=1'], '--set turns:=1 is for the node'),
+    ],
+)
+def test_options_that_would_be_ignored_are_refused(
+    bag, tmp_path, monkeypatch, capsys, arguments, message
+):
+    out = tmp_path / 'o'
+    monkeypatch.setattr(sys, 'argv', ['evaluate_bag', str(bag), '--out', str(out), *arguments])
+    assert evaluate_bag.main() == 2
+    assert message in capsys.readouterr().err
+    assert not out.exists()
 
 
 def test_a_trajectory_without_poses_is_an_empty_file(tmp_path):
