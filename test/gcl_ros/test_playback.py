@@ -92,7 +92,9 @@ def test_it_ends_while_it_waits_for_subscribers(rig, bag):
     thread = threading.Thread(target=lambda: counts.append(replay(bag, Playback(), node)))
     thread.start()
     try:
-        assert rig.until(lambda: rig.node.count_publishers('/source/points') == 1)
+        topics = ('/source/points', '/target/points', '/truth/transform')
+        assert rig.until(lambda: all(rig.node.count_publishers(topic) for topic in topics))
+        assert not rig.until(lambda: counts, patience=0.5)  # it waits
     finally:
         rclpy.shutdown(context=context)
         thread.join(timeout=10)
