@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 
 .PHONY: install browser demo test lint type bench bench-engine bench-registration bench-age bench-fuzz \
-	bench-trust soak audit clean
+	bench-trust soak audit docs clean
 
 install: $(VENV)/installed
 
@@ -70,6 +70,13 @@ audit: install
 # What is accepted that must not be, over 10,000 pairs; goes on where it was stopped.
 bench-trust: install
 	$(BIN)/python -m gcl_core.evaluation.false_accepts --pairs 10000 --out bench/trust.json
+
+# The API from the docstrings, build/api/index.html, by pdoc in a folder of its own.
+docs: install
+	test -d build/pdoc || $(BIN)/pip install -q --disable-pip-version-check \
+		--target build/pdoc pdoc
+	PYTHONPATH=build/pdoc $(BIN)/python -W error::UserWarning -m pdoc --docformat google \
+		--no-show-source --output-directory build/api gcl_core gcl_ros
 
 clean:
 	rm -rf $(VENV) build install log *.egg-info

@@ -12,6 +12,7 @@ from gcl_core.types import Registration
 from gcl_ros.pairing import Counts, Side
 
 OK, WARN, ERROR = range(3)  # as bytes in diagnostic_msgs/DiagnosticStatus
+ANOTHER_CLOCK = 3600.0  # seconds: no worker is so late, the stamps are not of the node's clock
 
 
 @dataclass(frozen=True)
@@ -108,7 +109,8 @@ class Health:
         """Level and message of the diagnostics while the node is active.
 
         ERROR: the last pair could not be worked on. WARN: a topic is silent; the stamps of the
-        topics are too far apart to pair; the last transform was withheld, or came late.
+        topics are too far apart to pair; both are in one frame; the last transform was withheld,
+        or came late.
         """
         with self._lock:
             if self.fault:
@@ -124,8 +126,18 @@ class Health:
                     f'stamps {offset:+.3f} s apart (source minus target), {limits.max_pair_dt:g} '
                     'allowed: are the clocks synchronised?'
                 )
+            frames = {stream.frame for stream in self.streams.values()}
+            if len(frames) == 1 and '' not in frames:
+                warnings.append(
+                    f'both clouds are in frame {frames.pop()!r}: give each LiDAR one of its own'
+                )
             if self.last is not None and not self.last.result.accepted:
                 warnings.append(f'no transform: {self.last.result.reason}')
+            elif self.last is not None and abs(self.last.age) > ANOTHER_CLOCK:
+                warnings.append(
+                    f'stamps {self.last.age:.0f} s behind the clock of the node: '
+                    'is use_sim_time as they need it?'
+                )
             elif self.last is not None and self.last.age > limits.max_age:
                 warnings.append(f'transform {self.last.age:.2f} s old, {limits.max_age:g} wanted')
             if warnings:

@@ -23,11 +23,11 @@ SETTLE = 2.0  # seconds until a subscriber that we see has seen us too
 DISCOVERY_LIMIT = 60.0  # seconds to wait for a subscriber: a network takes its time to load
 
 
-def message_class(name: str) -> type:
-    """Class of a message type such as `sensor_msgs/msg/PointCloud2`.
+def message_class(name: str) -> type | None:
+    """Class of a message type such as `sensor_msgs/msg/PointCloud2`; None if not installed.
 
     Raises:
-        GclError: its package is not installed.
+        GclError: no such name is possible.
     """
     match = re.fullmatch(r'([a-z]\w*)/msg/([A-Z]\w*)', name)
     if match is None:
@@ -36,7 +36,7 @@ def message_class(name: str) -> type:
     try:
         found: type = getattr(importlib.import_module(f'{package}.msg'), kind)
     except (ImportError, AttributeError):
-        raise GclError(f'the bag holds {name}; install its ROS package {package}') from None
+        return None
     return found
 
 
@@ -70,6 +70,8 @@ class Playback:
 def replay(path: Path, playback: Playback, node: Node) -> int:
     """Publish the messages of a bag in order; return how many.
 
+    Topics whose message types are not installed are left out, and the log names them.
+
     Raises:
         GclError: the bag is missing or damaged, or holds no message after `start`.
     """
@@ -79,13 +81,14 @@ def replay(path: Path, playback: Playback, node: Node) -> int:
         if reader.message_count == 0 or begin > reader.end_time:
             raise GclError(f'bag {path} holds no messages after {playback.start:g} s')
         publishers = _publishers(reader, playback, node)
-        clouds = [publishers[c.id] for c in reader.connections if _is_cloud(c)]
+        played = [c for c in reader.connections if c.id in publishers]
+        clouds = [publishers[c.id] for c in played if _is_cloud(c)]
         if playback.wait:
-            _wait(clouds)
+            _wait(clouds, node)
         count = 0
         while True:
             began = time.monotonic()
-            for connection, stamp, raw in reader.raw(start=begin):
+            for connection, stamp, raw in reader.raw(played, start=begin):
                 due = (stamp - begin) * 1e-9 / playback.rate
                 time.sleep(max(0.0, due - (time.monotonic() - began)))
                 if not node.context.ok():
@@ -108,23 +111,36 @@ def _is_cloud(connection: Connection) -> bool:
 
 
 def _publishers(reader: Bag, playback: Playback, node: Node) -> dict[int, Publisher]:
-    """One for each connection; what is no cloud is latched for late joiners."""
+    """One for each connection; what is no cloud is latched for late joiners.
+
+    Raises:
+        GclError: no type of the bag is installed.
+    """
     policy = ReliabilityPolicy.RELIABLE if playback.reliable else ReliabilityPolicy.BEST_EFFORT
     latched = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     publishers = {}
     for connection in reader.connections:
         kind = message_class(connection.msgtype)
+        if kind is None:
+            what = f'{connection.topic} is left out: {connection.msgtype} is not installed'
+            node.get_logger().warning(what)
+            continue
         qos = QoSProfile(depth=10, reliability=policy) if _is_cloud(connection) else latched
         publishers[connection.id] = node.create_publisher(kind, connection.topic, qos)
+    if not publishers:
+        names = ', '.join(sorted({c.msgtype for c in reader.connections}))
+        raise GclError(f'nothing to replay: install the ROS packages of {names}')
     return publishers
 
 
-def _wait(clouds: list[Publisher]) -> None:
-    """Wait until every topic of clouds is subscribed to."""
+def _wait(clouds: list[Publisher], node: Node) -> None:
+    """Wait until every topic of clouds is subscribed to, or the node is shut down."""
     until = time.monotonic() + DISCOVERY_LIMIT
     while any(p.get_subscription_count() == 0 for p in clouds):
         if time.monotonic() > until:
             names = ', '.join(p.topic_name for p in clouds)
             raise GclError(f'nobody subscribed to {names} within {DISCOVERY_LIMIT:.0f} s')
         time.sleep(0.05)
+        if not node.context.ok():
+            return
     time.sleep(SETTLE)

@@ -9,12 +9,14 @@ from geometry_msgs.msg import TransformStamped
 from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rosbags.rosbag2 import StoragePlugin, Writer
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import PointCloud2
 
 from gcl_core.errors import GclError
 from gcl_core.types import PointCloud
-from gcl_ros.bag import Encounter, write_bag
+from gcl_ros.bag import VERSION, Encounter, write_bag
+from gcl_ros.bag_reader import message_types
 from gcl_ros.conversions import seconds
 from gcl_ros.playback import Playback, replay
 
@@ -81,6 +83,45 @@ def test_loop_starts_again(rig, bag):
         rclpy.shutdown(context=context)
         player.thread.join(timeout=10)
     assert not player.thread.is_alive()
+
+
+def test_it_ends_while_it_waits_for_subscribers(rig, bag):
+    context = Context()
+    rclpy.init(context=context, domain_id=rig.domain)
+    node, counts = Node('player', context=context), []
+    thread = threading.Thread(target=lambda: counts.append(replay(bag, Playback(), node)))
+    thread.start()
+    try:
+        topics = ('/source/points', '/target/points', '/truth/transform')
+        assert rig.until(lambda: all(rig.node.count_publishers(topic) for topic in topics))
+        assert not rig.until(lambda: counts, patience=0.5)  # it waits
+    finally:
+        rclpy.shutdown(context=context)
+        thread.join(timeout=10)
+    assert counts == [0]
+
+
+def mixed_bag(path, kinds):
+    """One message of each type, all on topics of their own."""
+    with Writer(path, version=VERSION, storage_plugin=StoragePlugin.MCAP) as writer:
+        for number, kind in enumerate(kinds):
+            definition = {'msgdef': 'int32 data', 'rihs01': 'RIHS01_0'}
+            own = definition if kind.startswith('own') else {'typestore': message_types()}
+            connection = writer.add_connection(f'/topic_{number}', kind, **own)
+            writer.write(connection, 10**9 + number, bytes([0, 1, *[0] * 10]))
+    return path
+
+
+def test_types_that_are_not_installed_are_left_out(rig, tmp_path, capfd):
+    path = mixed_bag(tmp_path / 'bag', ['own_msgs/msg/Packet', 'builtin_interfaces/msg/Time'])
+    assert replay(path, Playback(), rig.node) == 1
+    assert '/topic_0 is left out: own_msgs/msg/Packet is not installed' in capfd.readouterr().err
+
+
+def test_a_bag_of_nothing_that_is_installed_is_refused(rig, tmp_path):
+    path = mixed_bag(tmp_path / 'bag', ['own_msgs/msg/Packet'])
+    with pytest.raises(GclError, match='install the ROS packages of own_msgs/msg/Packet'):
+        replay(path, Playback(), rig.node)
 
 
 @pytest.mark.parametrize(('field', 'value'), [('rate', 0.0), ('start', -1.0)])
