@@ -51,6 +51,8 @@ class RegistrarConfig:
             way.
         first_turns: headings that are tried first, the others only if nothing is accepted. Where
             both scans agree on the direction of the street, 4 are enough.
+        max_distance: between the sensors, metres; what would be farther is left out. Of two scans
+            that reach 80 m, little is left in common, and that sparse.
         min_probability: of being right (within 0.6 m and 1.5 degrees) for a transform to be
             accepted.
         match: features to correspondences.
@@ -63,6 +65,7 @@ class RegistrarConfig:
     precision: Literal['auto', 'bfloat16', 'float32'] = 'auto'
     turns: int = 12
     first_turns: int = 4
+    max_distance: float = 80.0
     min_probability: float = 0.9
     match: MatchConfig = field(default_factory=MatchConfig)
     estimator: EstimatorConfig = field(default_factory=EstimatorConfig)
@@ -74,6 +77,8 @@ class RegistrarConfig:
             if getattr(self, name) < 1:
                 raise GclError(f'{name} is {getattr(self, name)}; it must be at least 1')
         zoo.dtype_named(self.precision)
+        if not self.max_distance > 0:
+            raise GclError(f'max_distance is {self.max_distance}; it must be positive, metres')
         if not 0 <= self.min_probability <= 1:
             raise GclError(f'min_probability is {self.min_probability}; it must lie in [0, 1]')
 
@@ -215,7 +220,8 @@ class Registrar:
             return Registration(None, 0, 0, reason, watch.stop())
         hypotheses, offered = self.search(source=source, target=target, watch=watch)
         if not hypotheses:
-            return Registration(None, 0, offered, 'no consistent correspondences', watch.stop())
+            reason = f'no consistent correspondences within {self.config.max_distance:g} m'
+            return Registration(None, 0, offered, reason, watch.stop())
         with watch('verify'):
             scene = self.scene(source=source, target=target)
             examined = examine(hypotheses, scene, self.config.verify)
@@ -245,8 +251,8 @@ class Registrar:
     ) -> tuple[list[Hypothesis], int]:
         """Match and estimate at every heading.
 
-        Returns the best distinct hypotheses between the views, most support first, and how many
-        correspondences there were at all headings.
+        Returns the best distinct hypotheses between the views, most support first, none beyond
+        `max_distance`, and how many correspondences there were at all headings.
         """
         found, offered = search_headings(
             source.headings,
@@ -256,7 +262,9 @@ class Registrar:
             max_yaw=self.max_heading(len(source.headings)),
             watch=watch,
         )
-        return ranked(found, self.config.verify.hypotheses), offered
+        limit = self.config.max_distance
+        near = [h for h in found if h.T_target_source[:3, 3].norm() <= limit]
+        return ranked(near, self.config.verify.hypotheses), offered
 
     def scene(self, *, source: View, target: View) -> Scene:
         """What hypotheses about a pair are checked against."""

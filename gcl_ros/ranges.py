@@ -14,6 +14,7 @@ RANGES: dict[str, tuple[float, float]] = {
     'still': (0.0, 10.0),
     'turns': (1, 36),
     'first_turns': (1, 36),
+    'max_distance': (1.0, 1000.0),
     'min_probability': (0.0, 1.0),
     'k': (1, 20),
     'keypoints': (1, 20_000),

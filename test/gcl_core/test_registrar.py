@@ -60,6 +60,17 @@ def test_registers_real_scans(same_heading, real_root):
     assert metrics.registered(result.T_target_source, truth(sequence, 8, 0), metrics.STRICT)
 
 
+def test_what_is_farther_than_wanted_is_left_out(drive):
+    near = Registrar(RegistrarConfig(turns=1, max_distance=10.0))
+    assert near.register(source=drive.scan(98), target=drive.scan(90)).accepted
+    result = near.register(source=drive.scan(110), target=drive.scan(90))
+    assert not result.accepted
+    T = result.T_target_source
+    assert T is None or np.linalg.norm(T[:3, 3]) < 10 + near.config.refine.max_move
+    with pytest.raises(GclError, match='max_distance is 0'):
+        RegistrarConfig(max_distance=0)
+
+
 def test_same_scans_same_transform(same_heading, drive):
     first, second = (
         same_heading.register(source=drive.scan(98), target=drive.scan(90)).T_target_source
