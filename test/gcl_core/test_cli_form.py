@@ -171,7 +171,14 @@ def test_a_full_disk_is_told():
 
 def test_interrupting_a_command_leaves_no_traceback(tmp_path):
     command = [sys.executable, '-m', 'gcl_core.cli.main', 'simulate', '5', str(tmp_path / 'o')]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+    with subprocess.Popen(
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        preexec_fn=lambda: signal.signal(
+            signal.SIGINT, signal.SIG_DFL
+        ),  # ignored in background jobs
+    ) as process:
         while not (tmp_path / 'o').exists():
             assert process.poll() is None
             time.sleep(0.05)
