@@ -65,16 +65,8 @@ class Influences:
         start = torch.cat([sizes.new_zeros(1), sizes.cumsum(0)])
         return start, output[order].int(), self.value[order]
 
-    def sums(self, x: Float[torch.Tensor, 'n c'], rows: slice) -> Float[torch.Tensor, 'r pc']:
-        """Features summed at each kernel point of these outputs."""
-        start = self.start[rows.start * self.kernel : rows.stop * self.kernel + 1]
-        summed = gathered(x, start, self.column, self.value)
-        if summed is None:
-            wide = x.to(torch.promote_types(x.dtype, torch.float32))
-            summed = (self._matrix(start).to(wide.dtype) @ wide).to(x.dtype)
-        return summed.view(rows.stop - rows.start, -1)
-
-    def _matrix(self, start: torch.Tensor) -> torch.Tensor:
+    def matrix(self, start: Int64[torch.Tensor, ' r+1']) -> torch.Tensor:
+        """The rows that this part of `start` is of, sparse."""
         entries, shape = slice(int(start[0]), int(start[-1])), (len(start) - 1, self.num_inputs)
         column, value, start = self.column[entries], self.value[entries], (start - start[0]).int()
         with warnings.catch_warnings():
@@ -141,10 +133,16 @@ def gather(
     x: Float[torch.Tensor, 'n c'], felt: Influences
 ) -> Iterator[tuple[slice, Float[torch.Tensor, 'r pc']]]:
     """Features summed at each kernel point, a chunk of output rows at a time."""
-    size = max(1, CHUNK_VALUES // (felt.kernel * max(1, x.shape[1])))
+    size, wide = max(1, CHUNK_VALUES // (felt.kernel * max(1, x.shape[1]))), None
     for first in range(0, felt.num_outputs, size):
         rows = slice(first, min(first + size, felt.num_outputs))
-        yield rows, felt.sums(x, rows)
+        start = felt.start[rows.start * felt.kernel : rows.stop * felt.kernel + 1]
+        summed = gathered(x, start, felt.column, felt.value)
+        if summed is None:
+            if wide is None:
+                wide = x.to(torch.promote_types(x.dtype, torch.float32))
+            summed = (felt.matrix(start).to(wide.dtype) @ wide).to(x.dtype)
+        yield rows, summed.view(rows.stop - rows.start, -1)
 
 
 def convolve(
