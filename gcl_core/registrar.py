@@ -262,9 +262,7 @@ class Registrar:
             max_yaw=self.max_heading(len(source.headings)),
             watch=watch,
         )
-        limit = self.config.max_distance
-        near = [h for h in found if h.T_target_source[:3, 3].norm() <= limit]
-        return ranked(near, self.config.verify.hypotheses), offered
+        return ranked(found, self.config.verify.hypotheses), offered
 
     def scene(self, *, source: View, target: View) -> Scene:
         """What hypotheses about a pair are checked against."""
@@ -358,7 +356,7 @@ def search_headings(
         headings: features of the source in the frames turned by `turns`.
         turns: T_turned_source of each heading.
         target: features of the target.
-        config: settings of match and estimator.
+        config: settings of match and estimator, and the farthest that is wanted.
         max_yaw: largest heading that is left between a turned source and the target, radians.
         watch: times both.
 
@@ -373,5 +371,6 @@ def search_headings(
         with watch('estimate'):
             for h in estimate(matches, config.estimator, max_yaw=max_yaw):
                 T = h.T_target_source @ T_turned_source
-                found.append(Hypothesis(T, h.score, h.inliers))
+                if T[:3, 3].norm() <= config.max_distance:
+                    found.append(Hypothesis(T, h.score, h.inliers))
     return found, offered
