@@ -12,6 +12,11 @@ class GclError(ValueError):
     """
 
 
+def reason_of(error: Exception) -> str:
+    """What the system says of a file; for other errors their text."""
+    return getattr(error, 'strerror', None) or str(error)
+
+
 @contextmanager
 def bad_input_exits(program: str) -> Iterator[None]:
     """Say what is wrong with the input, or with a file, and exit with 2."""

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from safetensors import SafetensorError
 
-from gcl_core.errors import GclError
+from gcl_core.errors import GclError, reason_of
 
 
 @contextmanager
@@ -25,9 +25,9 @@ def whole_file(path: Path) -> Iterator[Path]:
         yield part
         part.replace(path)
     except (OSError, SafetensorError) as error:
-        reason = getattr(error, 'strerror', None) or error
         raise GclError(
-            f'cannot write {path}: {reason}; check its folder and the room left on the disk'
+            f'cannot write {path}: {reason_of(error)}; '
+            'check its folder and the room left on the disk'
         ) from None
     finally:
         part.unlink(missing_ok=True)

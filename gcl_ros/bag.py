@@ -15,7 +15,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 
 from gcl_core import se3
 from gcl_core.data.sequence import Sequence, positions
-from gcl_core.errors import GclError
+from gcl_core.errors import GclError, reason_of
 from gcl_core.types import PointCloud
 from gcl_ros.bag_reader import message_types, open_bag
 from gcl_ros.conversions import (
@@ -114,9 +114,9 @@ def write_bag(
             count = _write(Path(folder) / path.name, encounters, storage, pair_list)
             (Path(folder) / path.name).rename(path)
     except (OSError, sqlite3.Error) as error:
-        reason = getattr(error, 'strerror', None) or error
         raise GclError(
-            f'cannot write bag {path}: {reason}; check its folder and the room left on the disk'
+            f'cannot write bag {path}: {reason_of(error)}; '
+            'check its folder and the room left on the disk'
         ) from None
     return count
 

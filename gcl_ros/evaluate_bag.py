@@ -8,7 +8,7 @@ from pathlib import Path
 
 from gcl_core.cli.outcome import Answer, run_command, say
 from gcl_core.cli.parsers.choices import PEERS
-from gcl_core.cli.parsers.form import add_json, complete, form
+from gcl_core.cli.parsers.form import add_json, form, parsed
 from gcl_core.cli.parsers.quantities import count, positive
 
 
@@ -58,9 +58,7 @@ def main() -> int:
 
 
 def _run() -> int:
-    made = parser()
-    complete(made)
-    options = made.parse_args()
+    options = parsed(parser())
     return say(lambda: _answer(options))
 
 

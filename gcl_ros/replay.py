@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 from gcl_core.cli.outcome import INTERRUPTED, run_command
-from gcl_core.cli.parsers.form import complete, form
+from gcl_core.cli.parsers.form import form, parsed
 from gcl_core.cli.parsers.quantities import not_negative, positive
 from gcl_core.errors import GclError
 
@@ -45,12 +45,10 @@ def main() -> int:
 
 
 def _run() -> int:
-    made = parser()
-    complete(made)
     arguments = sys.argv[1:]
     if '--ros-args' in arguments:
         arguments = _without_ros(arguments)
-    return _replay(made.parse_args(arguments))
+    return _replay(parsed(parser(), arguments))
 
 
 def _without_ros(arguments: list[str]) -> list[str]:

@@ -9,7 +9,7 @@ from importlib import import_module
 
 from gcl_core.cli.outcome import Answer, run_command, say
 from gcl_core.cli.parsers import bag, evaluate, inspect, pairs, register, simulate, train
-from gcl_core.cli.parsers.form import complete, form
+from gcl_core.cli.parsers.form import form, parsed
 
 COMMANDS = (register, train, evaluate, pairs, simulate, inspect, bag)
 
@@ -39,9 +39,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(arguments: Sequence[str] | None) -> int:
-    made = parser()
-    complete(made)
-    options = made.parse_args(arguments)
+    options = parsed(parser(), arguments)
     return run_command(f'gcl {options.command}', lambda: say(lambda: _answer(options)))
 
 

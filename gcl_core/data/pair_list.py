@@ -23,7 +23,7 @@ import numpy as np
 from gcl_core import se3
 from gcl_core.data.pairs import BINS, Pair
 from gcl_core.data.sequence import Sequence
-from gcl_core.errors import GclError
+from gcl_core.errors import GclError, reason_of
 from gcl_core.files import write_text
 
 
@@ -135,9 +135,8 @@ def read_pair_list(path: Path) -> PairList:
     try:
         lines = [line.strip() for line in path.read_text().splitlines()]
     except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, 'strerror', None) or error
         raise GclError(
-            f'cannot read pair list {path}: {reason}; write one with gcl pairs'
+            f'cannot read pair list {path}: {reason_of(error)}; write one with gcl pairs'
         ) from None
     notes = [line[1:].strip() for line in lines if line.startswith('#')]
     header = dict(note.split(': ', 1) for note in notes if ': ' in note)

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from gcl_core import se3
-from gcl_core.errors import GclError
+from gcl_core.errors import GclError, reason_of
 from gcl_core.evaluation import metrics
 from gcl_core.evaluation.score import Row
 from gcl_core.types import Correspondences, PointCloud
@@ -29,9 +29,9 @@ def save(figure: object, path: Path) -> None:
     try:
         figure.savefig(path, dpi=110, bbox_inches='tight')  # type: ignore[attr-defined]
     except (OSError, ValueError) as error:
-        reason = getattr(error, 'strerror', None) or error
         raise GclError(
-            f'cannot write picture {path}: {reason}; give a .png in a folder that is there'
+            f'cannot write picture {path}: {reason_of(error)}; '
+            'give a .png in a folder that is there'
         ) from None
 
 

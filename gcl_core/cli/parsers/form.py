@@ -56,10 +56,13 @@ def add_layout(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def complete(parser: argparse.ArgumentParser) -> None:
-    """Answer the shell's completion, where it asks and argcomplete is installed."""
+def parsed(
+    parser: argparse.ArgumentParser, arguments: Sequence[str] | None = None
+) -> argparse.Namespace:
+    """Parse, after an answer to the shell's completion where it asks and argcomplete is there."""
     if '_ARGCOMPLETE' in os.environ:
         with suppress(ImportError):
             import argcomplete
 
             argcomplete.autocomplete(parser)
+    return parser.parse_args(arguments)
