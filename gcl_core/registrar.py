@@ -178,11 +178,12 @@ class Registrar:
         """
         known = known or undescribed(cloud, self.model.facing(cloud), self.config.refine)
         points = se3.transform(known.T_view_lidar, cloud.points)
-        matrices = [se3.from_xyz_rpy(yaw=yaw + 2 * np.pi * k / turns) for k in range(turns)]
+        yaws = [yaw + 2 * np.pi * k / turns for k in range(turns)]
+        matrices = [se3.from_xyz_rpy(yaw=yaw) for yaw in yaws]
         made = {T.numpy().tobytes(): f for T, f in zip(known.turns, known.headings)}
-        for T in matrices:
-            if T.tobytes() not in made:
-                (made[T.tobytes()],) = self.model.describe([PointCloud(se3.transform(T, points))])
+        missing = [k for k, T in enumerate(matrices) if T.tobytes() not in made]
+        described = self.model.describe_turned(PointCloud(points), [yaws[k] for k in missing])
+        made.update((matrices[k].tobytes(), f) for k, f in zip(missing, described, strict=True))
         return replace(
             known,
             headings=[made[T.tobytes()] for T in matrices],

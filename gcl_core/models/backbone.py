@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Generic, Protocol, TypeVar, cast
+from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 import torch
@@ -107,8 +107,20 @@ class Backbone(nn.Module, ABC, Generic[Config, Inputs]):
         Raises:
             GclError: a scan has no point within `max_range`.
         """
+        return self.describe_prepared(self.prepare(self.voxelize(clouds)))
+
+    def describe_prepared(self, inputs: Inputs) -> list[Features]:
+        """Describe each scan of what `prepare` returned."""
         device = next(self.parameters()).device
-        inputs = cast(Inputs, self.prepare(self.voxelize(clouds)).to(device))
         with torch.inference_mode():
-            points, descriptors, splits = self(inputs)
+            points, descriptors, splits = self(inputs.to(device))
         return [Features(points[a:b], descriptors[a:b]) for a, b in pairwise(splits)]
+
+    def describe_turned(self, cloud: PointCloud, yaws: Sequence[float]) -> list[Features]:
+        """Describe a scan turned by each of some headings, radians, in the turned frames.
+
+        Raises:
+            GclError: the scan has no point within `max_range`.
+        """
+        turned = (se3.transform(se3.from_xyz_rpy(yaw=yaw), cloud.points) for yaw in yaws)
+        return [features for points in turned for features in self.describe([PointCloud(points)])]

@@ -6,8 +6,9 @@ import torch
 from jaxtyping import Float, Int32
 from torch import nn
 
-from gcl_core.ops.kpconv import Influences, KPConv
+from gcl_core.ops.kpconv import Influences, KPConv, convolve
 from gcl_core.ops.neighbor_max import neighbor_max
+from gcl_core.ops.sparse_conv import scale_and_shift
 
 BN_MOMENTUM = 0.02  # of the public code
 SLOPE = 0.1  # of the leaky ReLU; paper, figure "Network structures for GCL"
@@ -19,33 +20,60 @@ def leaky(x: Float[torch.Tensor, 'n c']) -> Float[torch.Tensor, 'n c']:
     return nn.functional.leaky_relu(x, SLOPE)
 
 
-class Unary(nn.Module):
+class _Normed(nn.Module):
+    """A product with a batch norm behind it; in inference one product, the norm folded in."""
+
+    def __init__(self, out_channels: int) -> None:
+        super().__init__()
+        self.norm = nn.BatchNorm1d(out_channels, momentum=BN_MOMENTUM)
+        self._folded: dict[torch.dtype, tuple[torch.Tensor, torch.Tensor]] = {}
+
+    def train(self, mode: bool = True) -> _Normed:
+        """Switch mode; what was folded for inference is forgotten, the weights may change."""
+        self._folded.clear()
+        return super().train(mode)
+
+    def folded(
+        self, weight: Float[torch.Tensor, '... c_out'], dtype: torch.dtype
+    ) -> tuple[Float[torch.Tensor, '... c_out'], Float[torch.Tensor, ' c_out']] | None:
+        """Weight and bias of the one product; none while gradients are wanted."""
+        if self.training or torch.is_grad_enabled():
+            return None
+        if dtype not in self._folded:
+            scale, bias = scale_and_shift(self.norm)
+            self._folded[dtype] = (weight.detach() * scale).to(dtype), bias.to(dtype)
+        return self._folded[dtype]
+
+
+class Unary(_Normed):
     """Linear layer point by point, batch norm."""
 
     def __init__(self, in_channels: int, out_channels: int) -> None:
-        super().__init__()
+        super().__init__(out_channels)
         self.linear = nn.Linear(in_channels, out_channels, bias=False)
-        self.norm = nn.BatchNorm1d(out_channels, momentum=BN_MOMENTUM)
 
     def forward(self, x: Float[torch.Tensor, 'n c_in']) -> Float[torch.Tensor, 'n c_out']:
         """Compute in the dtype of `x`."""
-        weight = self.linear.weight.to(x.dtype)
-        out: torch.Tensor = self.norm(nn.functional.linear(x, weight))
+        weight = self.linear.weight.t()
+        if folded := self.folded(weight, x.dtype):
+            return torch.addmm(folded[1], x, folded[0])
+        out: torch.Tensor = self.norm(x @ weight.to(x.dtype))
         return out
 
 
-class ConvNorm(nn.Module):
+class ConvNorm(_Normed):
     """KPConv, batch norm, leaky ReLU: the paper's "simple" block."""
 
     def __init__(self, in_channels: int, out_channels: int, kernel: int) -> None:
-        super().__init__()
+        super().__init__(out_channels)
         self.conv = KPConv(in_channels, out_channels, kernel)
-        self.norm = nn.BatchNorm1d(out_channels, momentum=BN_MOMENTUM)
 
     def forward(
         self, x: Float[torch.Tensor, 'n c_in'], felt: Influences
     ) -> Float[torch.Tensor, 'm c_out']:
         """Convolve from the points of `x` to the outputs of `felt`."""
+        if folded := self.folded(self.conv.weight, x.dtype):
+            return leaky(convolve(x, folded[0], felt) + folded[1])
         return leaky(self.norm(self.conv(x, felt)))
 
 

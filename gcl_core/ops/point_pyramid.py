@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from itertools import pairwise
 
 import torch
@@ -12,6 +12,12 @@ from jaxtyping import Float, Int32, Int64
 from gcl_core.ops.grid_subsample import grid_subsample
 from gcl_core.ops.neighbors import nearest, radius_neighbors
 from gcl_core.types import SparseTensor
+
+# Points are rows: p @ QUARTERS[1] is p turned by 90 degrees, counter-clockwise seen from above.
+QUARTERS = [
+    torch.tensor([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    for c, s in ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))
+]
 
 
 @dataclass(frozen=True)
@@ -45,6 +51,11 @@ class PointPyramid:
             if f.name not in ('features', 'splits')
         }
         return PointPyramid(self.features.to(device), splits=self.splits, **moved)
+
+    def turned(self, quarters: int) -> PointPyramid:
+        """Turn all points about the vertical by quarter turns; who is near whom stays."""
+        turn = QUARTERS[quarters % 4].to(self.features)
+        return replace(self, points=tuple(p @ turn for p in self.points))
 
 
 def build_point_pyramid(

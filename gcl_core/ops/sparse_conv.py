@@ -111,6 +111,16 @@ class SparseConv(nn.Module):
         return sparse_conv(x, self.weight, kmap)
 
 
+def scale_and_shift(
+    norm: nn.BatchNorm1d,
+) -> tuple[Float[torch.Tensor, ' c'], Float[torch.Tensor, ' c']]:
+    """What a batch norm multiplies and adds in inference."""
+    if norm.running_mean is None or norm.running_var is None:
+        raise ValueError('a batch norm without running statistics cannot be folded')
+    scale = (norm.weight * (norm.running_var + norm.eps).rsqrt()).detach()
+    return scale, (norm.bias - norm.running_mean * scale).detach()
+
+
 @dataclass(frozen=True)
 class FoldedConv:
     """Convolution, batch norm, residual and ReLU in one pass, for inference.
@@ -128,11 +138,8 @@ class FoldedConv:
     @classmethod
     def fold(cls, conv: SparseConv, norm: nn.BatchNorm1d, like: torch.Tensor) -> FoldedConv:
         """Fold a convolution and the norm behind it, for features such as `like`."""
-        if norm.running_mean is None or norm.running_var is None:
-            raise ValueError('a batch norm without running statistics cannot be folded')
-        scale = norm.weight * (norm.running_var + norm.eps).rsqrt()
+        scale, bias = scale_and_shift(norm)
         weight = (conv.weight * scale).detach()
-        bias = (norm.bias - norm.running_mean * scale).detach()
         kernels = kernels_for(like)
         return cls(weight, bias, kernels.pack(weight) if kernels else None)
 

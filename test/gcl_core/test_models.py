@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 import torch
 
+from gcl_core import se3
 from gcl_core.errors import GclError
 from gcl_core.evaluation import metrics
 from gcl_core.models import zoo
@@ -43,6 +44,32 @@ def test_a_scan_is_described_the_same_alone_and_in_a_batch(tiny_network):
     for alone, batched in zip([model.describe([c])[0] for c in clouds], together, strict=True):
         torch.testing.assert_close(alone.points, batched.points)
         torch.testing.assert_close(alone.descriptors, batched.descriptors, atol=1e-5, rtol=1e-4)
+
+
+def test_a_turned_scan_is_described_in_the_turned_frame(tiny_network):
+    points = np.random.default_rng(2).uniform(-4, 4, (300, 3)).astype(np.float32)
+    model, yaws = tiny_network.eval(), [0.0, 0.3, np.pi / 2, 0.3 + np.pi, -np.pi / 2]
+    for yaw, found in zip(yaws, model.describe_turned(PointCloud(points), yaws), strict=True):
+        turned = PointCloud(se3.transform(se3.from_xyz_rpy(yaw=yaw), points))
+        (expected,) = model.describe([turned])
+        same = torch.cdist(found.points, expected.points).argmin(1)
+        assert len(same.unique()) == len(expected)
+        torch.testing.assert_close(found.points, expected.points[same], atol=1e-5, rtol=0)
+        wanted = expected.descriptors[same]
+        torch.testing.assert_close(found.descriptors, wanted, atol=1e-3, rtol=0)
+
+
+def test_what_is_folded_for_inference_changes_nothing(tiny_network):
+    points = np.random.default_rng(3).uniform(-4, 4, (300, 3)).astype(np.float32)
+    for norm in (m for m in tiny_network.modules() if isinstance(m, torch.nn.BatchNorm1d)):
+        torch.nn.init.uniform_(norm.running_mean)
+        torch.nn.init.uniform_(norm.running_var, 0.5, 2.0)
+        torch.nn.init.uniform_(norm.bias)
+    model = tiny_network.eval()
+    inputs = model.prepare(model.voxelize([PointCloud(points)]))
+    _, unfolded, _ = model(inputs)
+    (folded,) = model.describe_prepared(inputs)
+    torch.testing.assert_close(folded.descriptors, unfolded.detach(), atol=1e-5, rtol=1e-4)
 
 
 def test_one_point_is_described(tiny_network):
