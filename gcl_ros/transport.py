@@ -12,10 +12,10 @@ SCAN = 1_920_000  # bytes of one 64-beam scan of 120,000 points with intensity
 SEGMENT = re.compile(r'<segment_size>\s*(\d+)\s*</segment_size>')
 
 
-def unprotected(environment: Mapping[str, str] = os.environ) -> str | None:
+def unprotected() -> str | None:
     """What to say of DDS security that was asked for but is not enforced; None otherwise."""
-    wanted = environment.get('ROS_SECURITY_ENABLE', '').lower() == 'true'
-    if not wanted or environment.get('ROS_SECURITY_STRATEGY', '') == 'Enforce':
+    wanted = os.environ.get('ROS_SECURITY_ENABLE', '').lower() == 'true'
+    if not wanted or os.environ.get('ROS_SECURITY_STRATEGY', '') == 'Enforce':
         return None
     return (
         'ROS_SECURITY_STRATEGY is not Enforce: where no keys are found for this node, it runs '

@@ -107,9 +107,7 @@ def _surrounded(positions: Float[np.ndarray, 'n 3'], rule: DistanceRule) -> np.n
     return past & future
 
 
-def fcgf_pairs(
-    positions: Float[np.ndarray, 'n 3'], distance: float = 10.0
-) -> list[tuple[int, int]]:
+def fcgf_pairs(positions: Float[np.ndarray, 'n 3']) -> list[tuple[int, int]]:
     """Draw KITTI [10,10] after FCGF (Choy et al., 2019): no randomness, (source, target).
 
     From frame 0, the partner is the last frame before the distance exceeds 10 m within 100 frames;
@@ -120,7 +118,7 @@ def fcgf_pairs(
     current = 0
     while current < len(positions):
         ahead = positions[current : current + 100] - positions[current]
-        beyond = np.linalg.norm(ahead, axis=1) > distance
+        beyond = np.linalg.norm(ahead, axis=1) > 10.0
         partner = current + int(beyond.argmax()) - 1
         if partner > current:
             pairs.append((current, partner))

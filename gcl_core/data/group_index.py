@@ -48,8 +48,6 @@ class GroupIndex:
     Args:
         sequences: drives with poses.
         phi: neighbours of a centre (paper: 6).
-        every: frames from one centre to the next try; after a frame whose segments are not all
-            filled, the next frame is tried.
         window: frames to either side where neighbours lie. It keeps out later visits of the same
             place, of which the poses drift.
 
@@ -57,20 +55,13 @@ class GroupIndex:
         GclError: no frame has all segments filled.
     """
 
-    def __init__(
-        self,
-        sequences: List[Sequence],
-        *,
-        phi: int = 6,
-        every: int = EVERY,
-        window: int = WINDOW,
-    ) -> None:
+    def __init__(self, sequences: List[Sequence], *, phi: int = 6, window: int = WINDOW) -> None:
         self._sequences, self._phi, self._window = list(sequences), phi, window
         self._positions = [positions(sequence) for sequence in sequences]
         self.centres = [
             (number, centre)
             for number, where in enumerate(self._positions)
-            for centre in find_centres(where, phi=phi, every=every, window=window)
+            for centre in find_centres(where, phi=phi, window=window)
         ]
         if not self.centres:
             names = ', '.join(sequence.name for sequence in sequences) or 'no sequence'

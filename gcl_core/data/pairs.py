@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence as List
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,25 +31,19 @@ class Pair:
     bin: tuple[int, int]
 
 
-def draw_pairs(
-    sequence: Sequence,
-    *,
-    per_bin: int,
-    seed: int = 0,
-    bins: List[tuple[int, int]] = BINS,
-) -> list[Pair]:
-    """Draw up to `per_bin` random pairs for each distance bin; the earlier scan is the target.
+def draw_pairs(sequence: Sequence, *, per_bin: int, seed: int = 0) -> list[Pair]:
+    """Draw up to `per_bin` random pairs for each of `BINS`; the earlier scan is the target.
 
     Not the paper's protocol for KITTI [b1, b2], which needs a whole drive; short sequences use it.
     Pairs of one drive are correlated, so that intervals on them are too narrow.
     """
     where = positions(sequence)
-    near = cKDTree(where).query_pairs(max(high for _, high in bins), output_type='ndarray')
+    near = cKDTree(where).query_pairs(BINS[-1][1], output_type='ndarray')
     target, source = near[np.lexsort((near[:, 1], near[:, 0]))].T
     distance = np.linalg.norm(where[source] - where[target], axis=1)
     rng = np.random.default_rng(seed)
     pairs = []
-    for low, high in bins:
+    for low, high in BINS:
         inside = np.flatnonzero((distance >= low) & (distance < high))
         for row in inside[np.sort(rng.permutation(len(inside))[:per_bin])]:
             apart = float(distance[row])

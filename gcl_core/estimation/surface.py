@@ -58,8 +58,8 @@ def surface(cloud: PointCloud) -> Surface:
     solid, ground = points[above > SOLID_HEIGHT], points[above < GROUND_HEIGHT]
     near, far = _range_image(torch.from_numpy(cloud.points).t().contiguous())
     return Surface(
-        solid=solid[spread(solid, CHECKED, seed=0)],
-        ground=ground[spread(ground, CHECKED // 2, seed=0)],
+        solid=solid[spread(solid, CHECKED)],
+        ground=ground[spread(ground, CHECKED // 2)],
         near=near,
         far=far,
         occupied=_occupancy(solid),

@@ -12,11 +12,14 @@ CELL = 4.0  # metres; a cell of a dense near field gives as many key points as o
 RAISED, RAISED_SHARE = 0.5, 0.8  # metres above the ground; of the key points kept
 
 
-def spread(points: Float[torch.Tensor, 'n 3'], limit: int, seed: int) -> Int64[torch.Tensor, ' k']:
-    """Choose at most `limit` rows, one from each cell in turn, so that no region dominates."""
+def spread(points: Float[torch.Tensor, 'n 3'], limit: int) -> Int64[torch.Tensor, ' k']:
+    """Choose at most `limit` rows, one from each cell in turn, so that no region dominates.
+
+    Among those of a cell at random, always the same.
+    """
     if len(points) <= limit:
         return torch.arange(len(points))
-    order = torch.randperm(len(points), generator=torch.Generator().manual_seed(seed))
+    order = torch.randperm(len(points), generator=torch.Generator().manual_seed(0))
     cell = torch.floor(points[order] / CELL).long()
     key = (cell[:, 0] << 42) + (cell[:, 1] << 21) + cell[:, 2]
     by_cell = torch.argsort(key, stable=True)
@@ -27,14 +30,14 @@ def spread(points: Float[torch.Tensor, 'n 3'], limit: int, seed: int) -> Int64[t
     return chosen.sort().values
 
 
-def choose(features: Features, limit: int, *, spatially: bool = True, seed: int = 0) -> Features:
-    """Keep at most `limit` key points: spread in space, or any at random."""
+def choose(features: Features, limit: int, *, spatially: bool = True) -> Features:
+    """Keep at most `limit` key points: spread in space, or any at random, always the same."""
     if len(features) <= limit:
         return features
     if spatially:
-        rows = spread(features.points, limit, seed)
+        rows = spread(features.points, limit)
     else:
-        generator = torch.Generator().manual_seed(seed)
+        generator = torch.Generator().manual_seed(0)
         rows = torch.randperm(len(features), generator=generator)[:limit]
     return Features(features.points[rows], features.descriptors[rows])
 
@@ -52,8 +55,8 @@ def selected(features: Features, limit: int) -> Features:
     count = min(len(high), max(round(RAISED_SHARE * limit), limit - len(low)))
     rows = torch.cat(
         [
-            high[spread(features.points[high], count, seed=0)],
-            low[spread(features.points[low], limit - count, seed=0)],
+            high[spread(features.points[high], count)],
+            low[spread(features.points[low], limit - count)],
         ]
     )
     return Features(features.points[rows], features.descriptors[rows])

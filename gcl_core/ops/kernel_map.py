@@ -89,15 +89,13 @@ def same_map(keys: Int64[torch.Tensor, ' n'], kernel: int) -> KernelMap:
     return KernelMap(search(keys, keys, kernel) if compiled is None else compiled[0], len(keys))
 
 
-def down_map(
-    fine: Int64[torch.Tensor, ' n'], coarse: Int64[torch.Tensor, ' m'], kernel: int = 3
-) -> KernelMap:
-    """Map of a stride-2 convolution from `fine` to `coarse = unique(coarsen(fine))`."""
+def down_map(fine: Int64[torch.Tensor, ' n'], coarse: Int64[torch.Tensor, ' m']) -> KernelMap:
+    """Map of a kernel-3 stride-2 convolution from `fine` to `coarse = unique(coarsen(fine))`."""
     corners = refine(coarse)
-    compiled = search_kernel(fine, corners, kernel, axis_bits=AXIS_BITS, with_inverse=True)
+    compiled = search_kernel(fine, corners, 3, axis_bits=AXIS_BITS, with_inverse=True)
     if compiled is not None:
         return KernelMap(compiled[0], len(fine), compiled[1])
-    found = search(fine, corners, kernel)
+    found = search(fine, corners, 3)
     return KernelMap(found, len(fine), invert(found, len(fine)))
 
 

@@ -23,8 +23,8 @@ HALF_MASK = 0x7FFF7FFF7FFF
 MARGIN = 64  # room for kernel offsets at the border, in voxels
 
 
-def encode(coords: Int64[torch.Tensor, 'n 3'], scan: int = 0) -> Int64[torch.Tensor, ' n']:
-    """Pack integer voxel coordinates into keys.
+def encode(coords: Int64[torch.Tensor, 'n 3']) -> Int64[torch.Tensor, ' n']:
+    """Pack integer voxel coordinates of scan 0 into keys; for another, add its index << 48.
 
     Raises:
         GclError: a coordinate lies outside the grid of 2^16 voxels an axis.
@@ -35,7 +35,7 @@ def encode(coords: Int64[torch.Tensor, 'n 3'], scan: int = 0) -> Int64[torch.Ten
             f'{BIAS - MARGIN}; remove far outliers or use larger voxels'
         )
     x, y, z = (coords + BIAS).unbind(1)
-    return (scan << 3 * AXIS_BITS) | (x << 2 * AXIS_BITS) | (y << AXIS_BITS) | z
+    return (x << 2 * AXIS_BITS) | (y << AXIS_BITS) | z
 
 
 def coarsen(keys: Int64[torch.Tensor, ' n']) -> Int64[torch.Tensor, ' n']:

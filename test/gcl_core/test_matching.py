@@ -66,7 +66,7 @@ def test_key_points_are_spread_in_space():
     dense = torch.rand(5000, 3, generator=generator) * 4.0
     sparse = torch.rand(100, 3, generator=generator) * 100.0 + 20.0
     points = torch.cat([dense, sparse])
-    rows = spread(points, 200, seed=0)
+    rows = spread(points, 200)
     assert len(rows) == len(rows.unique()) == 200
     assert int((rows >= 5000).sum()) >= 90
     at_random = choose(Features(points, points), 200, spatially=False)

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 Triangles = Float[np.ndarray, 'n 3 3']
+OVERHANG = 0.4  # metres of a roof beyond its walls
 
 _BOX_CORNERS = np.array(
     [[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (0.0, 1.0)], dtype=np.float32
@@ -52,9 +53,9 @@ def cylinder(
     return quad(lower[:-1], lower[1:], upper[1:], upper[:-1])
 
 
-def gable_roof(length: float, width: float, rise: float, overhang: float = 0.4) -> Triangles:
+def gable_roof(length: float, width: float, rise: float) -> Triangles:
     """Roof with its ridge along x and its eaves at z = 0, gables closed."""
-    half_length, half_width = length / 2 + overhang, width / 2 + overhang
+    half_length, half_width = length / 2 + OVERHANG, width / 2 + OVERHANG
     ridge = np.array([[-half_length, 0.0, rise], [half_length, 0.0, rise]])
     sides = [
         quad(
