@@ -15,7 +15,6 @@ import subprocess
 import sys
 import tempfile
 from importlib import metadata
-from pathlib import Path
 from typing import Any
 
 NAME = 'gcl_ros'
@@ -98,19 +97,10 @@ def told(rows: list[dict[str, Any]]) -> int:
 
 def main() -> None:
     """Print a table of licences, then what is known of vulnerabilities."""
-    parser = argparse.ArgumentParser(prog='audit', description=__doc__)
-    parser.add_argument('--direct', action='store_true', help='only what setup.py names')
-    parser.add_argument('--licences', type=Path, help='also write the table to this file')
-    o = parser.parse_args()
+    argparse.ArgumentParser(prog='audit', description=__doc__).parse_args()
     packages = closure(NAME)
-    if o.direct:
-        named = requirements(NAME, EXTRAS)
-        packages = {name: package for name, package in packages.items() if name in named}
     rows = [f'| {name} | {p.version} | {licence(p)} |' for name, p in packages.items()]
-    table = '\n'.join(['| package | version | licence |', '|---|---|---|', *rows])
-    print(table)
-    if o.licences:
-        o.licences.write_text(table + '\n')
+    print('\n'.join(['| package | version | licence |', '|---|---|---|', *rows]))
     sys.exit(vulnerabilities(packages))
 
 
