@@ -17,6 +17,11 @@ SUFFIX = {torch.float32: 'f32', torch.bfloat16: 'bf16'}
 POINTER, LONG, INT = ctypes.c_void_p, ctypes.c_long, ctypes.c_int
 
 
+def at(tensor: torch.Tensor) -> ctypes.c_void_p:
+    """Where the numbers of a contiguous tensor are, for a compiled function."""
+    return POINTER(tensor.data_ptr())
+
+
 @dataclass(frozen=True)
 class PackedWeight:
     """A weight in the order that the kernel reads it.
@@ -158,10 +163,9 @@ def search(
     rows = torch.empty(kernel**3, len(centres), dtype=torch.int32)
     inverse = torch.empty(kernel**3, len(keys), dtype=torch.int32) if with_inverse else None
     lib.gcl_search(
-        *(POINTER(keys.data_ptr()), ctypes.c_int64(len(keys))),
-        *(POINTER(centres.data_ptr()), ctypes.c_int64(len(centres)), INT(kernel), INT(axis_bits)),
-        POINTER(rows.data_ptr()),
-        POINTER(None if inverse is None else inverse.data_ptr()),
+        *(at(keys), ctypes.c_int64(len(keys))),
+        *(at(centres), ctypes.c_int64(len(centres)), INT(kernel), INT(axis_bits)),
+        *(at(rows), None if inverse is None else at(inverse)),
         INT(torch.get_num_threads()),
     )
     return rows, inverse

@@ -8,7 +8,7 @@ import torch
 from jaxtyping import Float, Int32, Int64
 
 from gcl_core.ops.native.build import library
-from gcl_core.ops.native.kernels import SUFFIX
+from gcl_core.ops.native.kernels import SUFFIX, at
 
 
 def influence_entries(
@@ -35,10 +35,10 @@ def influence_entries(
             column = torch.empty(int(start[-1]), dtype=torch.int32)
             value = torch.empty(int(start[-1]))
         lib.gcl_influences(
-            *(_at(outputs), _at(inputs), ctypes.c_int64(len(inputs))),
-            *(_at(neighbors), *map(ctypes.c_int64, neighbors.shape)),
-            *(_at(by_axis), ctypes.c_int64(len(kernel)), ctypes.c_float(extent), _at(start)),
-            *(_at(column) if fill else None, _at(value) if fill else None),
+            *(at(outputs), at(inputs), ctypes.c_int64(len(inputs))),
+            *(at(neighbors), *map(ctypes.c_int64, neighbors.shape)),
+            *(at(by_axis), ctypes.c_int64(len(kernel)), ctypes.c_float(extent), at(start)),
+            *(at(column) if fill else None, at(value) if fill else None),
             ctypes.c_int(torch.get_num_threads()),
         )
     return start, column, value
@@ -59,8 +59,8 @@ def gathered(
     x, start = x.contiguous(), start.contiguous()
     out = x.new_empty(len(start) - 1, x.shape[1])
     getattr(lib, f'gcl_gather_{suffix}')(
-        *(_at(x), ctypes.c_int64(x.shape[1]), _at(start), ctypes.c_int64(len(out))),
-        *(_at(column), _at(value), _at(out), ctypes.c_int(torch.get_num_threads())),
+        *(at(x), ctypes.c_int64(x.shape[1]), at(start), ctypes.c_int64(len(out))),
+        *(at(column), at(value), at(out), ctypes.c_int(torch.get_num_threads())),
     )
     return out
 
@@ -81,11 +81,11 @@ def inverted(
     num_outputs = (len(start) - 1) // kernel
     ends = torch.zeros(num_inputs * kernel + 1, dtype=torch.long)
     output, swapped = torch.empty_like(column), torch.empty_like(value)
-    arguments = _at(start), ctypes.c_int64(num_outputs), ctypes.c_int64(kernel), _at(column)
-    lib.gcl_invert(*arguments, None, _at(ends[1:]), None, None)
+    arguments = at(start), ctypes.c_int64(num_outputs), ctypes.c_int64(kernel), at(column)
+    lib.gcl_invert(*arguments, None, at(ends[1:]), None, None)
     starts = ends.cumsum(0)
     moving = starts.clone()
-    lib.gcl_invert(*arguments, _at(value), _at(moving), _at(output), _at(swapped))
+    lib.gcl_invert(*arguments, at(value), at(moving), at(output), at(swapped))
     return starts, output, swapped
 
 
@@ -101,12 +101,8 @@ def neighbor_max_rows(
     out = x.new_empty(len(neighbors), x.shape[1])
     winner = torch.empty(out.shape, dtype=torch.int32)
     getattr(lib, f'gcl_neighbor_max_{suffix}')(
-        *(_at(x), *map(ctypes.c_int64, x.shape)),
-        *(_at(neighbors), *map(ctypes.c_int64, neighbors.shape)),
-        *(_at(out), _at(winner), ctypes.c_int(torch.get_num_threads())),
+        *(at(x), *map(ctypes.c_int64, x.shape)),
+        *(at(neighbors), *map(ctypes.c_int64, neighbors.shape)),
+        *(at(out), at(winner), ctypes.c_int(torch.get_num_threads())),
     )
     return out, winner
-
-
-def _at(tensor: torch.Tensor) -> ctypes.c_void_p:
-    return ctypes.c_void_p(tensor.data_ptr())

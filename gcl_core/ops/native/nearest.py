@@ -8,7 +8,7 @@ import torch
 from jaxtyping import Float, Int64
 
 from gcl_core.ops.native.build import library
-from gcl_core.ops.native.kernels import SUFFIX
+from gcl_core.ops.native.kernels import SUFFIX, at
 
 
 def nearest_rows(
@@ -28,12 +28,8 @@ def nearest_rows(
     value, best = torch.empty(len(source)), torch.empty(len(target))
     column = torch.empty(len(source), dtype=torch.int32)
     function(
-        *(_at(source), ctypes.c_long(len(source)), _at(target), ctypes.c_long(len(target))),
-        *(ctypes.c_long(source.shape[1]), _at(value), _at(column), _at(best)),
+        *(at(source), ctypes.c_long(len(source)), at(target), ctypes.c_long(len(target))),
+        *(ctypes.c_long(source.shape[1]), at(value), at(column), at(best)),
         ctypes.c_int(torch.get_num_threads()),
     )
     return value, column.long(), best
-
-
-def _at(tensor: torch.Tensor) -> ctypes.c_void_p:
-    return ctypes.c_void_p(tensor.data_ptr())

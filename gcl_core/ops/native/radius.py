@@ -8,6 +8,7 @@ import torch
 from jaxtyping import Float32, Int32
 
 from gcl_core.ops.native.build import library
+from gcl_core.ops.native.kernels import at
 
 REACH = 1 << 20  # cells that the kernel can count to on either side of the origin
 
@@ -27,11 +28,10 @@ def radius_search(
     rows = torch.empty(len(queries), limit, dtype=torch.int32)
     counts = torch.empty(len(queries), dtype=torch.int32)
     lib.gcl_radius(
-        *(ctypes.c_void_p(support.data_ptr()), ctypes.c_int64(len(support))),
-        *(ctypes.c_void_p(queries.data_ptr()), ctypes.c_int64(len(queries))),
+        *(at(support), ctypes.c_int64(len(support))),
+        *(at(queries), ctypes.c_int64(len(queries))),
         *(ctypes.c_double(radius), ctypes.c_int64(limit)),
-        *(ctypes.c_void_p(rows.data_ptr()), ctypes.c_void_p(counts.data_ptr())),
-        ctypes.c_int(torch.get_num_threads()),
+        *(at(rows), at(counts), ctypes.c_int(torch.get_num_threads())),
     )
     return rows, counts
 

@@ -8,6 +8,7 @@ import torch
 from jaxtyping import Float32, Int64
 
 from gcl_core.ops.native.build import library
+from gcl_core.ops.native.kernels import at
 
 
 def group_points(
@@ -26,9 +27,8 @@ def group_points(
     keys, mean = torch.empty(len(points), dtype=torch.long), torch.empty(len(points), 3)
     lib.gcl_voxelize.restype = ctypes.c_int64
     count = lib.gcl_voxelize(
-        *(ctypes.c_void_p(points.data_ptr()), ctypes.c_int64(len(points))),
+        *(at(points), ctypes.c_int64(len(points))),
         *(ctypes.c_float(voxel_size), ctypes.c_float(max_range**2)),
-        *(ctypes.c_int(axis_bits), ctypes.c_int64(limit)),
-        *(ctypes.c_void_p(keys.data_ptr()), ctypes.c_void_p(mean.data_ptr())),
+        *(ctypes.c_int(axis_bits), ctypes.c_int64(limit), at(keys), at(mean)),
     )
     return None if count < 0 else (keys[:count].clone(), mean[:count].clone())
