@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float, Int64
 
 from gcl_core.errors import GclError
 from gcl_core.estimation.hypothesis import Hypothesis, distinct_best, ranked
-from gcl_core.estimation.procrustes import from_moments
+from gcl_core.estimation.procrustes import from_moments, products
 from gcl_core.estimation.support import Support
 from gcl_core.types import Correspondences
 
@@ -78,7 +78,8 @@ def spatial_consistency(
     members = second.topk(count, 1)
     support = Support(correspondences, config.threshold)
     weight = (members.values > 0).double()
-    T = from_moments(torch.einsum('sk,skc->sc', weight, _table(c)[members.indices]))
+    table = products(c.source.float(), c.target.float()).double()
+    T = from_moments(torch.einsum('sk,skc->sc', weight, table[members.indices]))
     kept = (weight.sum(1) >= 3) & T.isfinite().all(2).all(1)
     kept &= torch.atan2(T[:, 1, 0], T[:, 0, 0]).abs() <= max_yaw
     T = T[kept]
@@ -89,10 +90,6 @@ def spatial_consistency(
 def _most_similar(c: Correspondences, limit: int) -> Correspondences:
     rows = torch.argsort(c.weight, descending=True, stable=True)[:limit]
     return Correspondences(c.source[rows], c.target[rows], c.weight[rows])
-
-
-def _table(c: Correspondences) -> Float[torch.Tensor, 'n 17']:
-    return Support(c, 1.0).table.double()
 
 
 def _compatible(c: Correspondences, config: SpatialConsistencyConfig) -> Bool[torch.Tensor, 'n n']:
