@@ -39,7 +39,7 @@ def make(folder: Path) -> None:
         return
     folder.mkdir(parents=True, exist_ok=True)
     target = SimulatedSequence(WORLD, kind=KIND)
-    source = SimulatedSequence(WORLD, kind=KIND, oncoming=True)
+    source = SimulatedSequence(WORLD, kind=KIND, route='oncoming')
     first = len(target) // 2 - 40
     start = next(s for s in range(len(source)) if _distance(source, target, s, first) < FAR)
     steps = []

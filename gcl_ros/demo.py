@@ -28,7 +28,7 @@ PERIOD = 4.0  # seconds between pairs: two cores at work on everything at once
 def encounters() -> list[Encounter]:
     """Two vehicles approach each other and pass."""
     target = SimulatedSequence(WORLD, kind=KIND)
-    source = SimulatedSequence(WORLD, kind=KIND, oncoming=True)
+    source = SimulatedSequence(WORLD, kind=KIND, route='oncoming')
     where = positions(source)
     at = len(target) // 2
     apart = np.linalg.norm(where - target.T_world_lidar(at)[:3, 3], axis=1)

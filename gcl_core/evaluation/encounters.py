@@ -116,7 +116,7 @@ def street(
         targets = [see(registrar, drive, int(i), rng, yaw=yaw) for i in chosen]
         kind = 'repeated'
     else:
-        both = [SimulatedSequence(seed, oncoming=oncoming) for oncoming in (False, True)]
+        both = [SimulatedSequence(seed, route='along'), SimulatedSequence(seed, route='oncoming')]
         middle = len(both[0]) // 2
         targets = [
             see(registrar, d, int(middle + rng.integers(-8, 8)), rng, yaw=yaw) for d in both

@@ -11,6 +11,7 @@ from gcl_core import se3
 from gcl_core.data.group_index import ScanGroup, between
 from gcl_core.data.groups import draw_neighbors
 from gcl_core.data.sequence import positions
+from gcl_core.data.simulator.drive import Route
 from gcl_core.data.simulator.sequence import SimulatedSequence, World
 from gcl_core.errors import GclError
 
@@ -82,9 +83,8 @@ class SimulatedGroups:
         if others and rng.random() < config.other_sensor:
             sensor = str(rng.choice(others))
         oncoming = bool(rng.random() < config.oncoming)
-        drive = SimulatedSequence(
-            int(own.name.split('/')[1]), world=own.world, sensor=sensor, oncoming=oncoming
-        )
+        route: Route = 'oncoming' if oncoming else 'along'
+        drive = SimulatedSequence(own.world.seed, world=own.world, sensor=sensor, route=route)
         return drive, len(drive) - 1 - index if oncoming else index
 
 

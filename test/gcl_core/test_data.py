@@ -85,7 +85,7 @@ def test_simulation_follows_from_the_seed(drive):
 
 
 def test_oncoming_vehicle_looks_the_other_way_in_the_same_world(drive):
-    oncoming = SimulatedSequence(3, oncoming=True)
+    oncoming = SimulatedSequence(3, route='oncoming')
     T = se3.inverse(drive.T_world_lidar(90)) @ oncoming.T_world_lidar(90)
     assert abs(abs(se3.yaw(T)) - np.pi) < 0.3
     assert 1.0 < np.linalg.norm(T[:3, 3]) < 15.0

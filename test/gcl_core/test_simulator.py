@@ -194,7 +194,7 @@ def test_unknown_names_are_refused(call, message):
 
 def test_nothing_stands_in_the_lanes():
     """In this street a bend once put a far building around the oncoming lane."""
-    street = SimulatedSequence(11, kind='mixed', oncoming=True, sensor='vlp16', moving=False)
+    street = SimulatedSequence(11, kind='mixed', route='oncoming', sensor='vlp16', moving=False)
     for index in range(60, 120, 4):
         away = np.linalg.norm(street.scan(index).points, axis=1)
         assert np.percentile(away, 90) > 9.0, index

@@ -63,12 +63,12 @@ def guard_rail(length: float) -> Triangles:
 
 
 def bridge(clear: float, length: float, rng: np.random.Generator) -> Triangles:
-    """Bridge over the road, which runs along x: a deck, abutments, railings and piers.
+    """Bridge over the road, which runs along x: a deck, abutments and railings.
 
     Args:
         clear: half the free width between the abutments, metres.
         length: extent along the road, metres.
-        rng: decides on height and piers.
+        rng: decides on the height, and how thick the deck is.
     """
     height, reach = rng.uniform(4.5, 6.5), 70.0
     parts = [place(box(length, 2 * reach, rng.uniform(0.6, 1.4)), z=height)]

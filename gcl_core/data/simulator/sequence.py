@@ -43,9 +43,8 @@ class SimulatedSequence:
         sensor: a name from `gcl_core.data.simulator.sensors.SENSORS`.
         span: metres driven, centred on the middle of the route.
         spacing: metres between scans, a millimetre to half the span.
-        oncoming: short for `route='oncoming'`. The same seed gives the same world and the same
+        route: where in the street to drive. The same seed gives the same world and the same
             clock, so that two vehicles can meet in it.
-        route: where in the street to drive.
         lead: metres to start ahead of the middle.
         kind: kind of place, from `kinds.KINDS`; drawn from the seed when None.
         world: a world to share instead of building one; `seed` and `kind` then have no effect
@@ -64,7 +63,6 @@ class SimulatedSequence:
         sensor: str = 'hdl64e',
         span: float = 180.0,
         spacing: float = 1.0,
-        oncoming: bool = False,
         route: Route = 'along',
         lead: float = 0.0,
         kind: str | None = None,
@@ -77,7 +75,7 @@ class SimulatedSequence:
         self.name = f'sim/{seed}'
         self._seed, self._kind, self._world = seed, kind, world
         self._sensor = sensor_named(sensor)
-        self._route: Route = 'oncoming' if oncoming else route
+        self._route: Route = route
         self._travelled = np.arange(-span / 2, span / 2 + 1e-6, spacing)
         self._lead, self._moving = lead, moving
         # What is the vehicle's own differs between the vehicles of a world.

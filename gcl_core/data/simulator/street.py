@@ -8,7 +8,7 @@ from scipy.spatial import cKDTree
 
 from gcl_core.data.simulator import furniture, vegetation, vehicles
 from gcl_core.data.simulator.buildings import house, silhouette
-from gcl_core.data.simulator.kinds import Kind, kind_of
+from gcl_core.data.simulator.kinds import kind_of
 from gcl_core.data.simulator.lots import STYLES, Lot
 from gcl_core.data.simulator.primitives import Triangles, cylinder
 from gcl_core.data.simulator.surfaces import NAMES, Soup, soup
@@ -27,6 +27,7 @@ class Street:
 
     Attributes:
         kind_name: the kind of place it turned out to be.
+        kind: what is there in such a place.
         terrain: course of the road and the ground.
         soup: all triangles.
     """
@@ -41,7 +42,7 @@ class Street:
         self._bridges = self._build_bridge(rng)
         for side in (-1, 1):
             self._build_side(side, rng)
-            self._line_kerb(side, rng, self.kind)
+            self._line_kerb(side, rng)
             self._build_background(side, rng)
         self.soup = self._assemble(rng)
 
@@ -186,10 +187,10 @@ class Street:
             else:
                 self._put(vegetation.tree(rng, detail=0.3), 'leaf', s, lateral)
 
-    def _line_kerb(self, side: int, rng: np.random.Generator, kind: Kind) -> None:
+    def _line_kerb(self, side: int, rng: np.random.Generator) -> None:
         """Parked cars, lamps, signs, street trees and clutter along the kerb."""
-        w, parked = self.terrain.half_road, rng.uniform(0, kind.parked)
-        trees = rng.uniform(0, kind.street_trees)
+        w, parked = self.terrain.half_road, rng.uniform(0, self.kind.parked)
+        trees = rng.uniform(0, self.kind.street_trees)
         self._set_bollards(side, rng)
         s = -REACH
         while s < REACH:

@@ -52,7 +52,7 @@ class Terrain:
             for a, p, h in ((1.2, 120.0, kind.hills), (0.35, 50.0, 1.0), (0.08, 15.0, 1.0))
         ]
         self._slope = rng.normal(size=2) * 0.012 * kind.hills
-        self._bank = rng.normal(size=2) * np.array([0.9, 0.9]) * (rng.random(2) < 0.5)
+        self._bank = rng.normal(size=2) * 0.9 * (rng.random(2) < 0.5)
 
         self._tree = cKDTree(self._line)
 
