@@ -2,12 +2,12 @@
 
 The way of the data, each arrow a type of `gcl_core.types`, each verb a folder:
 
-    PointCloud2 ─ gcl_ros.conversions ─▶ PointCloud ─ ops.voxelize ─▶ SparseTensor
+    PointCloud2 ─ gcl_ros.conversions ─▶ PointCloud ─ ops.heading, ops.voxelize ─▶ SparseTensor
       ─ models ─▶ Features ─ matching ─▶ Correspondences
       ─ estimation ─▶ Registration (T_target_source, accepted) ─ gcl_ros ─▶ TransformStamped
 
 Training branches off at Features: data.groups ─▶ PositiveGroups ─▶ losses ─▶ training.
-Evaluation branches off at Registration: evaluation.predict ─▶ evaluation.score.
+Evaluation branches off at Registration: evaluation.plan ─▶ runner ─▶ score ─▶ report.
 `registrar.py` is the whole of it on one page. Nothing here imports rclpy.
 """
 

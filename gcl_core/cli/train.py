@@ -1,4 +1,4 @@
-"""`gcl train`: train on simulated streets; resumes where it was stopped."""
+"""`gcl train`: train on simulated streets or recorded drives; resumes where it was stopped."""
 
 from __future__ import annotations
 
@@ -7,16 +7,15 @@ from dataclasses import asdict
 
 from gcl_core.cli.outcome import Answer
 from gcl_core.config import load_config
+from gcl_core.models.zoo import save_weights
 from gcl_core.training.curves import training_curves
+from gcl_core.training.distributed import processes
+from gcl_core.training.recipe import TrainConfig
+from gcl_core.training.trainer import Trainer
 
 
 def run(options: argparse.Namespace) -> Answer:
     """Train, then write weights with their record and the curves."""
-    from gcl_core.models.zoo import save_weights
-    from gcl_core.training.distributed import processes
-    from gcl_core.training.recipe import TrainConfig
-    from gcl_core.training.trainer import Trainer
-
     config = load_config(TrainConfig, options.config, options.set)
     if options.cache:
         options.cache.mkdir(parents=True, exist_ok=True)

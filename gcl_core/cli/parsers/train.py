@@ -15,7 +15,8 @@ def add_parser(commands: Any) -> None:
         'train',
         help='train an extractor',
         **form(
-            'Train on simulated streets. Run again with the same folder to resume.',
+            'Train on simulated streets, or on the drives of samples.data. Run again with the\n'
+            'same folder to resume.',
             ['gcl train --config config/train_conv.yaml --out runs/conv --set steps=100'],
         ),
     )
