@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial.transform import Rotation, Slerp
 
 from gcl_core import se3
 from gcl_core.errors import GclError
@@ -16,9 +15,9 @@ from gcl_core.types import PointCloud
 from gcl_ros.bag import CLOUD, ODOMETRY
 from gcl_ros.bag_reader import Bag, open_bag
 from gcl_ros.conversions import matrix, point_cloud, pose_matrix, seconds
+from gcl_ros.motion import MAX_GAP, interpolated
 
 STATIC, TRANSFORMS = '/tf_static', 'tf2_msgs/msg/TFMessage'
-MAX_GAP = 0.5  # seconds between the two poses that a scan's pose is interpolated from
 
 
 @dataclass(frozen=True)
@@ -49,15 +48,12 @@ class Track:
                 f'the scan at {stamp:.3f} s lies outside the poses, {self.stamps[0]:.3f} to '
                 f'{self.stamps[-1]:.3f} s'
             )
-        before, ends = after - 1, self.stamps[after - 1 : after + 1]
+        ends = self.stamps[after - 1 : after + 1]
         if ends[1] - ends[0] > MAX_GAP:
             raise GclError(
                 f'the scan at {stamp:.3f} s lies between poses {ends[1] - ends[0]:.2f} s apart'
             )
-        share = (stamp - ends[0]) / (ends[1] - ends[0])
-        turn = Slerp(ends, Rotation.from_matrix(self.poses[before : after + 1, :3, :3]))
-        where = (1 - share) * self.poses[before, :3, 3] + share * self.poses[after, :3, 3]
-        return se3.from_rotation_translation(turn(stamp).as_matrix(), where)
+        return interpolated(stamp, ends, self.poses[after - 1 : after + 1])
 
 
 class BagSequence:
@@ -66,7 +62,8 @@ class BagSequence:
     Scans are in order of their header stamps. Poses come from the only topic of nav_msgs/Odometry,
     geometry_msgs/PoseStamped or geometry_msgs/TransformStamped, interpolated to the scan. They are
     poses of the message's child frame: `/tf_static` must link it to the frame of the clouds,
-    unless it is that frame. PoseStamped names no child frame: `T_child_lidar` must be given.
+    unless it is that frame. PoseStamped names no child frame: `T_child_lidar` must be given, which
+    no command can.
 
     Args:
         path: folder of the bag.
@@ -200,7 +197,7 @@ class BagSequence:
         if shared is None or not child:
             raise GclError(
                 f'bag {self._path}: the poses are of frame {child!r}, the clouds in '
-                f'{self._frame!r}, and {STATIC} does not link them; give T_child_lidar'
+                f'{self._frame!r}, and {STATIC} does not link them; in Python, give T_child_lidar'
             )
         return se3.inverse(chains[0][shared]) @ chains[1][shared]
 

@@ -24,8 +24,9 @@ from rclpy.node import Node
 
 from gcl_core.errors import GclError, bad_input_exits
 from gcl_core.evaluation import metrics
-from gcl_ros.bench_stream import SIDES, make, there_and_back
+from gcl_ros.bench_stream import make, there_and_back
 from gcl_ros.conversions import matrix, seconds
+from gcl_ros.pairing import SIDES
 from gcl_ros.session import local_dds, process
 from gcl_ros.usage import growth, usage
 

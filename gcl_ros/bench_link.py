@@ -30,13 +30,12 @@ from gcl_core.errors import GclError, bad_input_exits
 from gcl_core.types import Features
 from gcl_ros.conversions import fill_point_cloud2, seconds
 from gcl_ros.feature_cloud import Described, fill_feature_cloud
+from gcl_ros.playback import wait_for_subscribers
 
 POINTS = 120_000
 KEYPOINTS = (250, 1000, 5000)
 TOPIC = '/points'
 QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-SETTLE = 2.0  # seconds until a subscriber that we see has seen us too
-DISCOVERY_LIMIT = 60.0  # seconds
 LAST = 3.0  # seconds for the last message
 
 
@@ -104,12 +103,7 @@ def send(number: int, out: Path) -> None:
     """Publish each cloud so many times; write how long `publish` blocked, in seconds."""
     node = Node('sender')
     publisher = node.create_publisher(PointCloud2, TOPIC, QOS)
-    until = time.monotonic() + DISCOVERY_LIMIT
-    while publisher.get_subscription_count() == 0:
-        if time.monotonic() > until:
-            raise GclError(f'nobody subscribed within {DISCOVERY_LIMIT:.0f} s')
-        time.sleep(0.05)
-    time.sleep(SETTLE)
+    wait_for_subscribers([publisher], node)
     blocked: dict[str, list[float]] = {}
     for name, message in clouds().items():
         message.header.frame_id = name

@@ -26,11 +26,10 @@ from sensor_msgs.msg import PointCloud2, PointField
 from gcl_core import se3
 from gcl_core.data.simulator.sequence import SimulatedSequence
 from gcl_ros.conversions import fill_point_cloud2
-from gcl_ros.pairing import Side
+from gcl_ros.pairing import SIDES, Side
 
 WORLD, KIND = 11, 'mixed'  # a street that training never sees
 FAR, NEAR = 45.0, 8.0  # metres apart at the start and at the turn
-SIDES: tuple[Side, Side] = ('source', 'target')
 
 
 def make(folder: Path) -> None:

@@ -22,16 +22,16 @@ from jaxtyping import Float
 from gcl_core import se3
 from gcl_core.errors import GclError
 from gcl_core.evaluation.agreement import agreeing
-from gcl_core.registrar import Registrar, View
+from gcl_core.registrar import FEWEST_KEY_POINTS, Registrar, View
 from gcl_core.stopwatch import Stopwatch
 from gcl_core.types import Correspondences, PointCloud, Registration
-from gcl_ros.conversions import point_cloud
+from gcl_ros.conversions import name_of, point_cloud
 from gcl_ros.feature_cloud import feature_cloud, is_feature_cloud, weights_hash
 from gcl_ros.recent import Recent
 from gcl_ros.views import Look, Scan, Views, look_at, scan_of
 
 KEPT = 4  # scans that are kept for the next pair
-FEWEST_POINTS, FEWEST_KEY_POINTS = 1000, 100  # anything fits a handful of points
+FEWEST_POINTS = 1000  # anything fits a handful of points
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,7 @@ class Exchange:
         fewest = FEWEST_KEY_POINTS if scan.headings else FEWEST_POINTS
         if len(scan.cloud) < fewest:
             raise GclError(
-                f'cloud in frame {message.header.frame_id!r} has {len(scan.cloud)} '
+                f'{name_of(message)} has {len(scan.cloud)} '
                 f'{"key " if scan.headings else ""}points, {fewest} are needed'
             )
         return scan

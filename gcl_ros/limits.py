@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import Any
 
 from gcl_core.errors import GclError
+from gcl_ros.conversions import name_of
 from gcl_ros.feature_cloud import is_feature_cloud
 
 MAX_POINTS = 1_000_000  # of a raw cloud, by default: twice what a 128-beam sensor sends
@@ -35,7 +36,7 @@ def check_limits(message: Any, max_points: int = MAX_POINTS) -> None:
             f'cloud in a frame whose name has {len(frame)} characters, {MAX_NAME} are taken; '
             'check who publishes it'
         )
-    name = f'cloud in frame {frame!r}'
+    name = name_of(message)
     if len(message.fields) > MAX_FIELDS:
         raise GclError(
             f'{name} has {len(message.fields)} fields, {MAX_FIELDS} are taken; check its driver'

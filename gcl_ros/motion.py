@@ -9,6 +9,7 @@ the target's axes; covariances likewise.
 from __future__ import annotations
 
 from bisect import bisect_left
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,11 +18,11 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from gcl_core import se3
 from gcl_ros.limits import MAX_POSES
+from gcl_ros.pairing import JUMP
 
 MAX_GAP = 0.5  # seconds between two poses that are interpolated
 KEPT = 30.0  # seconds of odometry
 GATE = 22.46  # 99.9 % of chi-squared with 6 degrees of freedom
-JUMP = 1.0  # seconds back: a bag that starts again
 
 Pose = Float[np.ndarray, '4 4']
 Covariance = Float[np.ndarray, '6 6']
@@ -65,16 +66,20 @@ class Odometry:
         ends = self._stamps[after - 1 : after + 1]
         if ends[1] - ends[0] > MAX_GAP:
             return None
-        share = (stamp - ends[0]) / (ends[1] - ends[0])
-        first, second = self._poses[after - 1 : after + 1]
-        turns = Rotation.from_matrix(np.stack([first[:3, :3], second[:3, :3]]))
-        where = (1 - share) * first[:3, 3] + share * second[:3, 3]
-        return se3.from_rotation_translation(Slerp(ends, turns)(stamp).as_matrix(), where)
+        return interpolated(stamp, ends, self._poses[after - 1 : after + 1])
 
     def moved(self, start: float, end: float) -> Pose | None:
         """Pose at `end` in the frame at `start`; None where either is not known."""
         before, after = self.at(start), self.at(end)
         return None if before is None or after is None else se3.inverse(before) @ after
+
+
+def interpolated(stamp: float, ends: Sequence[float], poses: Sequence[Pose]) -> Pose:
+    """Pose at a time between those of two, seconds."""
+    share = (stamp - ends[0]) / (ends[1] - ends[0])
+    turns = Rotation.from_matrix(np.stack([pose[:3, :3] for pose in poses]))
+    where = (1 - share) * poses[0][:3, 3] + share * poses[1][:3, 3]
+    return se3.from_rotation_translation(Slerp(ends, turns)(stamp).as_matrix(), where)
 
 
 @dataclass(frozen=True)

@@ -57,7 +57,8 @@ class Outputs:
             target: message; its frame becomes the parent.
         """
         message = TransformStamped()
-        message.header = header_of(max(source, target, key=_stamp))
+        later = max(source, target, key=lambda m: seconds(m.header.stamp))
+        message.header = header_of(later)
         message.header.frame_id = target.header.frame_id
         message.child_frame_id = source.header.frame_id
         fill_transform(message.transform, result.T_target_source)
@@ -111,10 +112,6 @@ def _tf_broadcaster(node: Node) -> Any:
             'publish_tf to false'
         ) from None
     return TransformBroadcaster(node)
-
-
-def _stamp(message: Any) -> float:
-    return seconds(message.header.stamp)
 
 
 def _lines(header: Header, T: np.ndarray, matches: Correspondences) -> Marker:

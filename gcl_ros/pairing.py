@@ -13,6 +13,7 @@ from gcl_ros.rhythm import Rhythm
 
 M = TypeVar('M')
 Side = Literal['source', 'target']
+SIDES: tuple[Side, Side] = ('source', 'target')
 JUMP = 1.0  # seconds back: a bag that starts again or a clock that was set, not mere disorder
 
 

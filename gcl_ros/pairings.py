@@ -6,10 +6,9 @@ import threading
 from collections.abc import Sequence
 from typing import Generic, TypeVar
 
-from gcl_ros.pairing import Pairing, Side
+from gcl_ros.pairing import SIDES, Pairing
 
 M = TypeVar('M')
-SIDES: tuple[Side, Side] = ('source', 'target')
 
 
 class Pairings(Generic[M]):

@@ -84,7 +84,7 @@ def replay(path: Path, playback: Playback, node: Node) -> int:
         played = [c for c in reader.connections if c.id in publishers]
         clouds = [publishers[c.id] for c in played if _is_cloud(c)]
         if playback.wait:
-            _wait(clouds, node)
+            wait_for_subscribers(clouds, node)
         count = 0
         while True:
             began = time.monotonic()
@@ -133,12 +133,16 @@ def _publishers(reader: Bag, playback: Playback, node: Node) -> dict[int, Publis
     return publishers
 
 
-def _wait(clouds: list[Publisher], node: Node) -> None:
-    """Wait until every topic of clouds is subscribed to, or the node is shut down."""
+def wait_for_subscribers(publishers: list[Publisher], node: Node) -> None:
+    """Wait until every topic is subscribed to, or the node is shut down.
+
+    Raises:
+        GclError: nobody subscribes within a minute.
+    """
     until = time.monotonic() + DISCOVERY_LIMIT
-    while any(p.get_subscription_count() == 0 for p in clouds):
+    while any(p.get_subscription_count() == 0 for p in publishers):
         if time.monotonic() > until:
-            names = ', '.join(p.topic_name for p in clouds)
+            names = ', '.join(p.topic_name for p in publishers)
             raise GclError(f'nobody subscribed to {names} within {DISCOVERY_LIMIT:.0f} s')
         time.sleep(0.05)
         if not node.context.ok():

@@ -40,9 +40,6 @@ class Rhythm:
         older than what it could.
         """
         period = self.period
-        if period is None or period > FASTEST_WORK:
+        if period is None or period > FASTEST_WORK or not self.expects(now):
             return 0.0
-        passed = now - self._arrivals[-1]
-        if not SHORTEST * period <= passed <= LONGEST * period:
-            return 0.0
-        return LONGEST * period - passed
+        return LONGEST * period - (now - self._arrivals[-1])

@@ -24,7 +24,7 @@ from gcl_core.types import PointCloud, Registration
 from gcl_ros.conversions import fill_pose, pose_matrix, seconds
 from gcl_ros.deskew import deskewed
 from gcl_ros.motion import Drift, Odometry, Relative, RelativeFilter, carried
-from gcl_ros.pairing import Side
+from gcl_ros.pairing import JUMP, Side
 from gcl_ros.wire import subscribe
 
 Mount = tuple[float, float, float, float, float, float]
@@ -109,8 +109,8 @@ class Tracking:
             if estimate is None or None in newest:
                 return
             stamp = min(newest)
-            if stamp < estimate.stamp - 1.0:
-                self._filter.reset()  # a bag that starts again
+            if stamp < estimate.stamp - JUMP:
+                self._filter.reset()
                 return
             if stamp > estimate.stamp and self._filter.carry(stamp, **self._odometry):
                 self._publish(self._filter.estimate)

@@ -144,7 +144,7 @@ def test_other_kinds_of_poses(tmp_path, scans, stamped):
     path = write(tmp_path / 'b', clouds(scans) + rows)
     expected = base(stamps(3)[2] * 1e-9)
     if stamped == 'PoseStamped':
-        with pytest.raises(GclError, match=r"poses are of frame ''.* give T_child_lidar"):
+        with pytest.raises(GclError, match=r"poses are of frame ''.*give T_child_lidar"):
             BagSequence(path).T_world_lidar(2)
         sequence = BagSequence(path, T_child_lidar=T_BASE_LIDAR)
         expected = expected @ T_BASE_LIDAR
