@@ -66,8 +66,15 @@ class Limits:
 class Health:
     """Counts and the last outcome; filled by callbacks and worker, read by the diagnostics.
 
-    Args:
+    Attributes:
         source: what the source is called.
+        streams: the topics of both sides.
+        accepted: pairs whose transform was.
+        withheld: pairs whose transform was not.
+        left_out: pairs that could not be worked on.
+        last: the last pair that was worked on.
+        fault: why the last pair was left out; empty if it was not.
+        why: the last reasons to refuse a pair.
         began: when listening began, monotonic seconds.
     """
 
@@ -80,7 +87,7 @@ class Health:
     left_out: int = 0
     last: Outcome | None = None
     fault: str = ''
-    why: dict[str, str] = field(default_factory=dict)  # the last reasons to refuse a pair
+    why: dict[str, str] = field(default_factory=dict)
     began: float = 0.0
     _lock: threading.Lock = field(default_factory=threading.Lock)
 

@@ -27,7 +27,13 @@ SINGLE = 'source'  # name of the only source; its topics have no prefix
 
 @dataclass(frozen=True)
 class Wanted:
-    """What a link publishes besides the transform and the pose."""
+    """What a link publishes besides the transform and the pose.
+
+    Attributes:
+        tf: the transform on /tf.
+        aligned: the source cloud in the target's frame.
+        matches: the correspondences that agree, as lines.
+    """
 
     tf: bool
     aligned: bool

@@ -29,7 +29,13 @@ from gcl_core.files import write_text
 
 @dataclass(frozen=True)
 class ListedPair:
-    """One line: the sequence's short name (`08`), and two scans of it."""
+    """One line of a list.
+
+    Attributes:
+        sequence: short name (`08`).
+        source: scan index.
+        target: scan index.
+    """
 
     sequence: str
     source: int

@@ -1,4 +1,4 @@
-"""KISS-Matcher's solver, where its package is installed (`pip install gcl_ros[kiss]`)."""
+"""KISS-Matcher's solver, where its package is installed (`pip install kiss-matcher`)."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ class TrainingLog:
         self._board: Any = None
         try:
             from torch.utils.tensorboard import SummaryWriter
-        except ImportError:  # an optional extra: pip install gcl_ros[train]
+        except ImportError:  # optional: pip install tensorboard
             return
         self._board = SummaryWriter(str(folder / 'tensorboard'))
 

@@ -75,6 +75,11 @@ class TrainConfig:
     """A recipe.
 
     Attributes:
+        network: its shape; `backbone` says which one.
+        samples: which scans are trained together, and how they are turned and thinned.
+        groups: which of their points are one spot.
+        loss: weights of the losses.
+        optimizer: how weights follow gradients.
         steps: optimiser steps of the whole run.
         batch: samples of a step, whose gradients are averaged; divided among the processes.
         bf16: compute in bfloat16.

@@ -240,7 +240,12 @@ def farm(lot: Lot) -> None:
 
 @dataclass(frozen=True)
 class Style:
-    """How a style fills a lot, and how long its lots are, metres."""
+    """How a style fills a lot, and how long its lots are.
+
+    Attributes:
+        fill: puts things onto one.
+        length: smallest and largest, metres.
+    """
 
     fill: Callable[[Lot], None]
     length: tuple[float, float]
