@@ -14,7 +14,7 @@ from gcl_core import se3
 from gcl_core.cli.outcome import Answer
 from gcl_core.data.formats import open_sequence
 from gcl_core.data.overlap import overlap
-from gcl_core.data.sequence import Sequence, positions
+from gcl_core.data.sequence import Sequence, T_target_source, positions
 from gcl_core.data.simulator.sequence import SimulatedSequence
 from gcl_core.errors import GclError
 from gcl_core.evaluation.plots import birds_eye
@@ -74,7 +74,7 @@ def _scans(sequence: Sequence, indices: list[int], picture: Path | None) -> Show
 def _pair(sequence: Sequence, pair: list[int], picture: Path | None) -> Shown:
     _check(sequence, *pair)
     source, target = pair
-    T = se3.inverse(sequence.T_world_lidar(target)) @ sequence.T_world_lidar(source)
+    T = T_target_source(sequence, source=source, target=target)
     clouds: dict[str, Any] = {'source': sequence.scan(source), 'target': sequence.scan(target)}
     shares = (
         overlap(**clouds, T_target_source=T),

@@ -73,12 +73,20 @@ def sequence_names(path: Path, *, layout: str | None = None) -> list[str]:
     """
     kind = _known(layout or detect(path))
     if kind == 'kitti' and not (path / 'velodyne').is_dir():
-        return sorted(folder.name for folder in (path / 'sequences').glob('*') if folder.is_dir())
+        return _kitti_names(path)
     if kind == 'nuscenes' and versions(path):
         return list(read_logs(path))
     if kind == 'eth' and not (path / 'gt.log').is_file():
-        return sorted(log.parent.name for log in path.glob('*/gt.log'))
+        return _eth_names(path)
     return list(open_sequences(path, layout=kind))
+
+
+def _kitti_names(root: Path) -> list[str]:
+    return sorted(folder.name for folder in (root / 'sequences').glob('*') if folder.is_dir())
+
+
+def _eth_names(root: Path) -> list[str]:
+    return sorted(log.parent.name for log in root.glob('*/gt.log'))
 
 
 def _known(layout: str) -> str:
@@ -97,7 +105,7 @@ def detect(path: Path) -> str:
         return 'kitti'
     if versions(path) or (path / 'sample_data.json').is_file():
         return 'nuscenes'
-    if (path / 'gt.log').is_file() or any(path.glob('*/gt.log')):
+    if (path / 'gt.log').is_file() or _eth_names(path):
         return 'eth'
     if path.suffix in ('.mcap', '.db3') or (path / 'metadata.yaml').is_file():
         return 'rosbag2'
@@ -114,7 +122,7 @@ def _open_kitti(path: Path, names: Names) -> list[Sequence]:
         own = [folder.name, f'{folder.name}-suma']
         wanted = [name if name in own else _only(path, folder.name, name) for name in names]
         return _open_kitti(folder.parents[1], wanted)
-    found = sorted(folder.name for folder in (path / 'sequences').glob('*') if folder.is_dir())
+    found = _kitti_names(path)
     opened: list[Sequence] = []
     for name in names:
         known = name or _one_of(found, None, f'{path}: KITTI sequence')
@@ -132,9 +140,9 @@ def _open_nuscenes(path: Path, names: Names) -> list[Sequence]:
 
 def _open_eth(path: Path, names: Names) -> list[Sequence]:
     """Open by the root and the scene, or by the folder of one scene."""
-    if (path / 'gt.log').is_file() or not any(path.glob('*/gt.log')):
+    scenes = _eth_names(path)
+    if (path / 'gt.log').is_file() or not scenes:
         return [EthSequence(path) for name in names if _only(path, path.resolve().name, name)]
-    scenes = sorted(log.parent.name for log in path.glob('*/gt.log'))
     return [EthSequence(path / _one_of(scenes, name, f'{path}: ETH scene')) for name in names]
 
 

@@ -20,9 +20,8 @@ from pathlib import Path
 
 import numpy as np
 
-from gcl_core import se3
 from gcl_core.data.pairs import BINS, Pair
-from gcl_core.data.sequence import Sequence
+from gcl_core.data.sequence import Sequence, T_target_source
 from gcl_core.errors import GclError, reason_of
 from gcl_core.files import write_text
 
@@ -93,9 +92,7 @@ class PairList:
                     f'{self.name} lists scan {last} of {name}, but {sequence.name} has '
                     f'{len(sequence)} scans; is it the sequence that the list was made for?'
                 )
-            T = se3.inverse(sequence.T_world_lidar(pair.target)) @ sequence.T_world_lidar(
-                pair.source
-            )
+            T = T_target_source(sequence, source=pair.source, target=pair.target)
             apart = float(np.linalg.norm(T[:3, 3]))
             found.append(Pair(pair.source, pair.target, apart, self.distance or bin_of(apart)))
         return found

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from gcl_core import se3
 from gcl_core.data.distance_pairs import DistanceRule, dense_rule, distance_pairs, fcgf_pairs
 from gcl_core.data.overlap import LOW, overlap
 from gcl_core.data.pair_list import ListedPair, PairList, listed
 from gcl_core.data.pairs import draw_pairs
-from gcl_core.data.sequence import Sequence, positions
+from gcl_core.data.sequence import Sequence, T_target_source, positions
 
 Sequences = Mapping[str, Sequence]  # by the short name that a list gives them
 LOW_OVERLAP_BINS = ((5, 20), (20, 30), (30, 40), (40, 50))  # metres; paper, appendix
@@ -59,8 +58,9 @@ def low_overlap_set(
                 share = overlap(
                     source=sequence.scan(pair.source),
                     target=sequence.scan(pair.target),
-                    T_target_source=se3.inverse(sequence.T_world_lidar(pair.target))
-                    @ sequence.T_world_lidar(pair.source),
+                    T_target_source=T_target_source(
+                        sequence, source=pair.source, target=pair.target
+                    ),
                 )
                 keep(pair, share)
                 if share <= LOW:

@@ -5,10 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 from scipy.spatial import cKDTree
 
-from gcl_core import se3
 from gcl_core.data.sequence import Sequence, positions
 
 BINS = ((5, 10), (10, 20), (20, 30), (30, 40), (40, 50))  # metres; the paper's five sets
@@ -49,9 +47,3 @@ def draw_pairs(sequence: Sequence, *, per_bin: int, seed: int = 0) -> list[Pair]
             apart = float(distance[row])
             pairs.append(Pair(int(source[row]), int(target[row]), apart, (low, high)))
     return pairs
-
-
-def T_target_source(sequence: Sequence, pair: Pair) -> Float[np.ndarray, '4 4']:
-    """True transform of a pair."""
-    T_world_target = sequence.T_world_lidar(pair.target)
-    return se3.inverse(T_world_target) @ sequence.T_world_lidar(pair.source)

@@ -7,6 +7,7 @@ from typing import Protocol
 import numpy as np
 from jaxtyping import Float
 
+from gcl_core import se3
 from gcl_core.types import PointCloud
 
 
@@ -25,6 +26,11 @@ class Sequence(Protocol):
 
     def T_world_lidar(self, index: int) -> Float[np.ndarray, '4 4']:
         """Pose of the sensor at that scan."""
+
+
+def T_target_source(sequence: Sequence, *, source: int, target: int) -> Float[np.ndarray, '4 4']:
+    """True transform between two scans of a drive."""
+    return se3.inverse(sequence.T_world_lidar(target)) @ sequence.T_world_lidar(source)
 
 
 def positions(sequence: Sequence) -> Float[np.ndarray, 'n 3']:

@@ -10,8 +10,8 @@ import numpy as np
 from jaxtyping import Float
 
 from gcl_core import se3
-from gcl_core.data.pairs import Pair, T_target_source
-from gcl_core.data.sequence import Sequence
+from gcl_core.data.pairs import Pair
+from gcl_core.data.sequence import Sequence, T_target_source
 from gcl_core.types import PointCloud
 
 Method = Callable[[PointCloud, PointCloud], Float[np.ndarray, '4 4'] | None]
@@ -91,7 +91,8 @@ def turned_pair(sequence: Sequence, pair: Pair, turned: float) -> TurnedPair:
     """Read a pair and turn its source by a heading, radians."""
     T_turned_source = se3.from_xyz_rpy(yaw=turned)
     source = PointCloud(se3.transform(T_turned_source, sequence.scan(pair.source).points))
-    T_true = T_target_source(sequence, pair) @ se3.inverse(T_turned_source)
+    T = T_target_source(sequence, source=pair.source, target=pair.target)
+    T_true = T @ se3.inverse(T_turned_source)
     return TurnedPair(source, sequence.scan(pair.target), T_true)
 
 

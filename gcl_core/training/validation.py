@@ -12,7 +12,8 @@ from jaxtyping import Float
 
 from gcl_core import se3
 from gcl_core.data.augment import random_turn
-from gcl_core.data.pairs import T_target_source, draw_pairs
+from gcl_core.data.pairs import draw_pairs
+from gcl_core.data.sequence import T_target_source
 from gcl_core.data.simulator.sequence import SimulatedSequence
 from gcl_core.estimation.ransac import RansacConfig, ransac
 from gcl_core.evaluation.metrics import LOOSE, registered
@@ -78,7 +79,8 @@ def held_out_pairs(config: NetworkConfig) -> list[HeldOutPair]:
                 random_turn(rng, shared_yaw=aligned, yaw_range=bearable, tilt_range=0.0),
                 se3.from_xyz_rpy(yaw=aligned),
             )
-            T = turns[1] @ T_target_source(street, pair) @ se3.inverse(turns[0])
+            T = T_target_source(street, source=pair.source, target=pair.target)
+            T = turns[1] @ T @ se3.inverse(turns[0])
             scans = [
                 PointCloud(se3.transform(turn, cloud.points))
                 for turn, cloud in zip(turns, clouds, strict=True)

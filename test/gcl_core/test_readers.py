@@ -13,7 +13,7 @@ from gcl_core.data.formats import open_sequence, open_sequences, sequence_names
 from gcl_core.data.kitti import KittiSequence
 from gcl_core.data.nuscenes import read_logs
 from gcl_core.data.poses import read_poses
-from gcl_core.data.sequence import positions
+from gcl_core.data.sequence import T_target_source, positions
 from gcl_core.errors import GclError
 from gcl_core.types import PointCloud
 
@@ -22,16 +22,13 @@ def close(T, expected):
     np.testing.assert_allclose(T, expected, atol=1e-5)
 
 
-def relative(sequence, target, source):
-    return se3.inverse(sequence.T_world_lidar(target)) @ sequence.T_world_lidar(source)
-
-
 def aligned(sequence, target, source):
     """Mean distance of high points after alignment by the poses, metres."""
     from scipy.spatial import cKDTree
 
     cloud = sequence.scan(source).points.astype(float)
-    moved = se3.transform(relative(sequence, target, source), cloud[cloud[:, 2] > -1.0][::10])
+    T = T_target_source(sequence, source=source, target=target)
+    moved = se3.transform(T, cloud[cloud[:, 2] > -1.0][::10])
     return np.median(cKDTree(sequence.scan(target).points).query(moved)[0])
 
 

@@ -8,6 +8,7 @@ import torch
 
 from gcl_core import se3
 from gcl_core.data.kitti import KittiSequence
+from gcl_core.data.sequence import T_target_source
 from gcl_core.data.simulator.sequence import SimulatedSequence
 from gcl_core.errors import GclError
 from gcl_core.evaluation import metrics
@@ -26,16 +27,12 @@ def same_heading() -> Registrar:
     return Registrar(RegistrarConfig(turns=1))
 
 
-def truth(sequence, source, target):
-    return se3.inverse(sequence.T_world_lidar(target)) @ sequence.T_world_lidar(source)
-
-
 @pytest.mark.parametrize('yaw', [0.0, 1.0, np.pi])
 def test_registers_simulated_scans_at_any_heading(registrar, drive, yaw):
     turn = se3.from_xyz_rpy(yaw=yaw)
     source = PointCloud(se3.transform(turn, drive.scan(102).points))
     result = registrar.register(source=source, target=drive.scan(90))
-    T = truth(drive, 102, 90) @ se3.inverse(turn)
+    T = T_target_source(drive, source=102, target=90) @ se3.inverse(turn)
     assert metrics.registered(result.T_target_source, T, metrics.STRICT)
     assert result.accepted
     assert {'describe', 'match', 'estimate', 'verify', 'refine', 'total'} == set(result.ms)
@@ -44,7 +41,7 @@ def test_registers_simulated_scans_at_any_heading(registrar, drive, yaw):
 def test_a_known_heading_needs_no_others(same_heading, drive):
     turn = se3.from_xyz_rpy(yaw=2.0)
     source = PointCloud(se3.transform(turn, drive.scan(102).points))
-    T = truth(drive, 102, 90) @ se3.inverse(turn)
+    T = T_target_source(drive, source=102, target=90) @ se3.inverse(turn)
     target = same_heading.view(drive.scan(90))
     for yaw, found in ((float(se3.yaw(T)), True), (0.0, False)):
         result = same_heading.register_views(
@@ -57,7 +54,9 @@ def test_a_known_heading_needs_no_others(same_heading, drive):
 def test_registers_real_scans(same_heading, real_root):
     sequence = KittiSequence(real_root, '80')
     result = same_heading.register(source=sequence.scan(8), target=sequence.scan(0))
-    assert metrics.registered(result.T_target_source, truth(sequence, 8, 0), metrics.STRICT)
+    assert metrics.registered(
+        result.T_target_source, T_target_source(sequence, source=8, target=0), metrics.STRICT
+    )
 
 
 def test_what_is_farther_than_wanted_is_left_out(drive):
@@ -90,7 +89,7 @@ def test_a_hypothesis_out_of_the_race_is_examined_as_it_is(same_heading, drive):
     scene = same_heading.scene(**views)
     first, second = same_heading.finalists(hypotheses, odds, scene, **views)
     assert not first.refined.walked
-    T = views['target'].T_view_lidar @ truth(drive, 98, 90)
+    T = views['target'].T_view_lidar @ T_target_source(drive, source=98, target=90)
     T = T @ se3.inverse(views['source'].T_view_lidar)
     assert metrics.registered(first.refined.T_target_source, T, metrics.STRICT)
     assert second.refined.walked

@@ -5,6 +5,7 @@ import pytest
 import torch
 
 from gcl_core import se3
+from gcl_core.data.sequence import T_target_source
 from gcl_core.estimation.likeness import keypoint_grid, likeness
 from gcl_core.estimation.surface import surface
 from gcl_core.estimation.verify import verify
@@ -16,7 +17,7 @@ PAIRS = [(102, 90), (125, 95)]  # 12 m and 30 m apart
 @pytest.fixture(scope='module', params=PAIRS, ids=str)
 def pair(request, drive):
     source, target = request.param
-    T = se3.inverse(drive.T_world_lidar(target)) @ drive.T_world_lidar(source)
+    T = T_target_source(drive, source=source, target=target)
     return surface(drive.scan(source)), surface(drive.scan(target)), T
 
 
