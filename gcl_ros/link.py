@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
 from functools import partial
 
 from rclpy.node import Node
@@ -18,26 +17,11 @@ from gcl_ros.conversions import seconds
 from gcl_ros.diagnostics import Report
 from gcl_ros.exchange import Exchange
 from gcl_ros.heading import Heading
-from gcl_ros.outputs import Outputs
+from gcl_ros.outputs import Outputs, Wanted
 from gcl_ros.pairing import Pairing, Side
 from gcl_ros.tracking import MotionConfig, Tracking
 
 SINGLE = 'source'  # name of the only source; its topics have no prefix
-
-
-@dataclass(frozen=True)
-class Wanted:
-    """What a link publishes besides the transform and the pose.
-
-    Attributes:
-        tf: the transform on /tf.
-        aligned: the source cloud in the target's frame.
-        matches: the correspondences that agree, as lines.
-    """
-
-    tf: bool
-    aligned: bool
-    matches: bool
 
 
 class Link:
@@ -52,13 +36,7 @@ class Link:
     def __init__(self, node: Node, name: str, wanted: Wanted) -> None:
         self._node, self.name = node, name
         self.prefix = '~/' if name == SINGLE else f'~/{name}/'
-        self._outputs = Outputs(
-            node,
-            prefix=self.prefix,
-            tf=wanted.tf,
-            aligned=wanted.aligned,
-            matches=wanted.matches,
-        )
+        self._outputs = Outputs(node, self.prefix, wanted)
         self.pairing: Pairing[PointCloud2] | None = None
         self._tracking: Tracking | None = None
         self._swapped = False  # whether the target was turned last

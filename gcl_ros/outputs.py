@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -20,28 +21,41 @@ from gcl_ros.wire import header_of
 MATCH_WIDTH = 0.05  # metres
 
 
+@dataclass(frozen=True)
+class Wanted:
+    """What is published besides the transform and the pose.
+
+    Attributes:
+        tf: the transform on /tf.
+        aligned: the source cloud in the target's frame.
+        matches: the correspondences that agree, as lines.
+    """
+
+    tf: bool
+    aligned: bool
+    matches: bool
+
+
 class Outputs:
     """Publishers of the registrar, made on configure and destroyed on cleanup.
 
     Args:
         node: to publish from.
         prefix: of the topics.
-        tf: broadcast the transform on /tf too.
-        aligned: publish the source cloud in the target's frame.
-        matches: publish the correspondences that agree as lines.
+        wanted: what to publish.
 
     Raises:
         GclError: /tf is asked for where tf2_ros is not installed.
     """
 
-    def __init__(self, node: Node, *, prefix: str, tf: bool, aligned: bool, matches: bool) -> None:
+    def __init__(self, node: Node, prefix: str, wanted: Wanted) -> None:
         self._node = node
-        self._broadcaster = _tf_broadcaster(node) if tf else None
+        self._broadcaster = _tf_broadcaster(node) if wanted.tf else None
         create = node.create_publisher
         self._transform = create(TransformStamped, f'{prefix}transform', 10)
         self._pose = create(PoseWithCovarianceStamped, f'{prefix}pose', 10)
-        self._aligned = create(PointCloud2, f'{prefix}aligned', 1) if aligned else None
-        self._matches = create(Marker, f'{prefix}matches', 1) if matches else None
+        self._aligned = create(PointCloud2, f'{prefix}aligned', 1) if wanted.aligned else None
+        self._matches = create(Marker, f'{prefix}matches', 1) if wanted.matches else None
 
     @property
     def wants_matches(self) -> bool:

@@ -31,7 +31,8 @@ from gcl_ros.conversions import seconds
 from gcl_ros.diagnostics import Diagnostics, Report
 from gcl_ros.exchange import Exchange
 from gcl_ros.lifecycle import ConfiguredNode, run
-from gcl_ros.link import SINGLE, Link, Wanted
+from gcl_ros.link import SINGLE, Link
+from gcl_ros.outputs import Wanted
 from gcl_ros.pairing import Side
 from gcl_ros.pairings import Pairings
 from gcl_ros.tracking import MotionConfig
