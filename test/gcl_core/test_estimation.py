@@ -14,10 +14,10 @@ from gcl_core.evaluation import metrics
 from gcl_core.types import Correspondences
 
 
-def correspondences(T, inliers, outliers, seed=0, noise=0.1):
-    rng = np.random.default_rng(seed)
+def correspondences(T, inliers, outliers):
+    rng = np.random.default_rng(0)
     source = rng.uniform([-40, -40, -2], [40, 40, 5], (inliers + outliers, 3))
-    target = se3.transform(T, source) + rng.normal(size=source.shape) * noise
+    target = se3.transform(T, source) + rng.normal(size=source.shape) * 0.1
     target[inliers:] = rng.uniform([-40, -40, -2], [40, 40, 5], (outliers, 3))
     order = rng.permutation(len(source))
     weight = torch.ones(len(source))

@@ -6,9 +6,9 @@ from gcl_core.matching.match import MatchConfig, finite, match
 from gcl_core.types import Correspondences, Features
 
 
-def features(count, seed, length=16):
+def features(count, seed):
     generator = torch.Generator().manual_seed(seed)
-    descriptors = torch.randn(count, length, generator=generator)
+    descriptors = torch.randn(count, 16, generator=generator)
     points = 50 * torch.rand(count, 3, generator=generator)
     return Features(points, torch.nn.functional.normalize(descriptors, dim=1))
 

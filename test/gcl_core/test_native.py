@@ -20,10 +20,10 @@ TOLERANCE = {torch.float32: 1e-5, torch.bfloat16: 1e-2}
 CHANNELS = [(1, 32), (2, 32), (3, 5), (32, 64), (96, 100)]  # odd, narrow, wide, no multiple
 
 
-def random_map(side: int = 14, kernel: int = 3, density: float = 0.2) -> kernel_map.KernelMap:
+def random_map(side: int = 14) -> kernel_map.KernelMap:
     generator = torch.Generator().manual_seed(3)
-    coords = (torch.rand(side, side, side, generator=generator) < density).nonzero()
-    return kernel_map.same_map(encode(coords - side // 2), kernel)
+    coords = (torch.rand(side, side, side, generator=generator) < 0.2).nonzero()
+    return kernel_map.same_map(encode(coords - side // 2), 3)
 
 
 def compiled(dtype: torch.dtype) -> kernels.Kernels:

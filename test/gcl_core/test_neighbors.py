@@ -16,9 +16,9 @@ from gcl_core.types import PointCloud
 RADIUS = 1.3
 
 
-def random_points(count: int, seed: int = 0, size: float = 6.0) -> torch.Tensor:
+def random_points(count: int, seed: int = 0) -> torch.Tensor:
     generator = torch.Generator().manual_seed(seed)
-    return (torch.rand(count, 3, generator=generator) - 0.5) * size
+    return (torch.rand(count, 3, generator=generator) - 0.5) * 6.0
 
 
 def sets(table: torch.Tensor, count: int) -> list[set[int]]:

@@ -28,9 +28,9 @@ def features(count, seed=0) -> Features:
     return Features(points, torch.nn.functional.normalize(vectors, dim=1))
 
 
-def written(headings, limit=1000) -> PointCloud2:
+def written(headings) -> PointCloud2:
     described = Described(headings, [2.5 + k for k in range(len(headings))])
-    return fill_feature_cloud(PointCloud2(), described, HASH, limit, PointField)
+    return fill_feature_cloud(PointCloud2(), described, HASH, 1000, PointField)
 
 
 def test_a_thousand_key_points_fit_forty_kilobytes():

@@ -52,8 +52,8 @@ def registrar(*ros_arguments):
     return [sys.executable, '-m', 'gcl_ros.registrar_node', '--ros-args', *ros_arguments]
 
 
-def wait_for(condition, timeout=READY):
-    until = time.monotonic() + timeout
+def wait_for(condition):
+    until = time.monotonic() + READY
     while time.monotonic() < until:
         if condition():
             return True
