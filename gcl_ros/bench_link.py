@@ -52,19 +52,8 @@ def slow_link(mbit: float) -> Iterator[tuple[str, str]]:
     for name in names:
         _do('ip', 'netns', 'add', name)
     try:
-        ends = [
-            'gcl0',
-            'netns',
-            names[0],
-            'type',
-            'veth',
-            'peer',
-            'name',
-            'gcl0',
-            'netns',
-            names[1],
-        ]
-        _do('ip', 'link', 'add', *ends)
+        ends = f'gcl0 netns {names[0]} type veth peer name gcl0 netns {names[1]}'
+        _do('ip', 'link', 'add', *ends.split())
         for number, name in enumerate(names, start=1):
             inside = ['ip', 'netns', 'exec', name]
             _do(*inside, 'ip', 'address', 'add', f'10.77.0.{number}/24', 'dev', 'gcl0')

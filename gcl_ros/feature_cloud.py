@@ -95,9 +95,8 @@ def fill_feature_cloud(
     for row, (features, yaw) in enumerate(zip(headings, described.yaws, strict=True)):
         chosen = selected(features, width)
         points = se3.transform(se3.from_xyz_rpy(yaw=-yaw), chosen.points.double().numpy())
-        cells[row]['turn'] = (round(yaw / np.pi * HALF_TURN) + HALF_TURN) % (
-            2 * HALF_TURN
-        ) - HALF_TURN
+        turn = round(yaw / np.pi * HALF_TURN)
+        cells[row]['turn'] = (turn + HALF_TURN) % (2 * HALF_TURN) - HALF_TURN
         cells[row]['position'] = np.clip(np.rint(points * UNIT), -32768, 32767)
         cells[row]['descriptor'] = np.rint(chosen.descriptors.float().numpy() * SCALE)
     message.height, message.width = cells.shape
