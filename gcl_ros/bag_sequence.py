@@ -118,10 +118,6 @@ class BagSequence:
         assert self._T_child_lidar is not None
         return self._track.at(self._index[index][0]) @ self._T_child_lidar
 
-    def stamp(self, index: int) -> float:
-        """Seconds since the first scan."""
-        return self._index[index][0] - self._index[0][0]
-
     def _choose(self, wanted: str | None, kinds: tuple[str, ...], what: str) -> str:
         """The wanted topic, or the only one of these types."""
         with open_bag(self._path) as bag:

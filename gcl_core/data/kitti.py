@@ -1,4 +1,4 @@
-"""KITTI odometry: `sequences/NN/velodyne/*.bin`, `calib.txt`, `times.txt`, `poses/NN.txt`."""
+"""KITTI odometry: `sequences/NN/velodyne/*.bin`, `calib.txt`, `poses/NN.txt`."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from gcl_core import se3
 from gcl_core.data.clouds import read_cloud
-from gcl_core.data.poses import is_rigid, read_poses, read_table
+from gcl_core.data.poses import is_rigid, read_poses
 from gcl_core.errors import GclError
 from gcl_core.types import PointCloud
 
@@ -49,7 +49,6 @@ class KittiSequence:
             poses == 'auto' and suma.is_file() and not own.is_file()
         )
         self.name = f'kitti/{sequence}-suma' if takes_suma else f'kitti/{sequence}'
-        self._times_file = folder / 'times.txt'
         self._poses = lidar_poses(suma if takes_suma else own, folder / 'calib.txt')
         if len(self._poses) != len(self._scans):
             raise GclError(
@@ -67,17 +66,6 @@ class KittiSequence:
     def T_world_lidar(self, index: int) -> Float[np.ndarray, '4 4']:
         """Pose of the LiDAR; the first scan of the drive is near the identity."""
         return self._poses[index]
-
-    def stamp(self, index: int) -> float:
-        """Seconds since the first scan.
-
-        Raises:
-            GclError: `times.txt` is missing or malformed.
-        """
-        times = read_table(self._times_file, 1)[:, 0]
-        if len(times) != len(self):
-            raise GclError(f'{self._times_file}: {len(times)} times for {len(self)} scans')
-        return float(times[index])
 
 
 def lidar_poses(poses: Path, calibration: Path) -> Float[np.ndarray, 'n 4 4']:

@@ -27,12 +27,10 @@ class KeyFrame:
 
     Attributes:
         path: of the points.
-        timestamp: microseconds.
         T_world_lidar: pose of the sensor, axes turned to KITTI's, in the map's frame.
     """
 
     path: Path
-    timestamp: int
     T_world_lidar: Float[np.ndarray, '4 4']
 
 
@@ -73,10 +71,6 @@ class NuScenesSequence:
         """Pose of the sensor, KITTI's axes, in the map's frame."""
         return self._frames[index].T_world_lidar
 
-    def stamp(self, index: int) -> float:
-        """Seconds since the first key frame."""
-        return (self._frames[index].timestamp - self._frames[0].timestamp) * 1e-6
-
 
 def read_logs(root: Path, version: str | None = None) -> dict[str, NuScenesSequence]:
     """Read the tables once; return the sequence of every log, by the log's name.
@@ -104,7 +98,7 @@ def read_logs(root: Path, version: str | None = None) -> dict[str, NuScenesSeque
         mount = _pose(mounts, frame['calibrated_sensor_token'], tables, 'calibrated_sensor')
         T_world_lidar = T_world_ego @ mount @ se3.inverse(T_KITTI_SENSOR)
         found.setdefault(log['logfile'], []).append(
-            KeyFrame(root / frame['filename'], frame['timestamp'], T_world_lidar)
+            KeyFrame(root / frame['filename'], T_world_lidar)
         )
     if not found:
         raise GclError(f'{tables}/sample_data.json lists no key frame in {LIDAR}')

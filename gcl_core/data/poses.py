@@ -1,4 +1,4 @@
-"""Tables of numbers and poses in text files, as KITTI writes them."""
+"""Poses in text files, as KITTI writes them."""
 
 from __future__ import annotations
 
@@ -11,36 +11,14 @@ from jaxtyping import Float
 from gcl_core.errors import GclError
 
 
-def read_table(path: Path, columns: int) -> Float[np.ndarray, 'n c']:
-    """Read rows of `columns` numbers.
-
-    Raises:
-        GclError: missing, not numbers, of another width, or not finite.
-    """
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter('ignore')  # of an empty file, which is refused below
-            table = np.loadtxt(path, ndmin=2)
-    except OSError:
-        raise GclError(f'no file {path}; expected {columns} numbers a line') from None
-    except ValueError as error:
-        raise GclError(f'{path}: {error}') from None
-    if not table.size:
-        raise GclError(f'{path} is empty; expected {columns} numbers a line')
-    if table.shape[1] != columns:
-        raise GclError(f'{path}: expected {columns} numbers a line, got {table.shape[1]}')
-    if not np.isfinite(table).all():
-        raise GclError(f'{path} holds a number that is not finite')
-    return table
-
-
 def read_poses(path: Path) -> Float[np.ndarray, 'n 4 4']:
     """Read one 3x4 pose a line, row by row: KITTI's 12 numbers.
 
     Raises:
-        GclError: see `read_table`; or a rotation is none (off by more than 1 %).
+        GclError: missing, not numbers, of another width, not finite, or a rotation is none (off by
+            more than 1 %).
     """
-    table = read_table(path, 12)
+    table = _table(path)
     poses = np.zeros((len(table), 4, 4))
     poses[:, :3] = table.reshape(-1, 3, 4)
     poses[:, 3, 3] = 1.0
@@ -51,6 +29,24 @@ def read_poses(path: Path) -> Float[np.ndarray, 'n 4 4']:
             'expected the 3x4 matrix [R | t] row by row'
         )
     return poses
+
+
+def _table(path: Path) -> Float[np.ndarray, 'n 12']:
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter('ignore')  # of an empty file, which is refused below
+            table = np.loadtxt(path, ndmin=2)
+    except OSError:
+        raise GclError(f'no file {path}; expected 12 numbers a line') from None
+    except ValueError as error:
+        raise GclError(f'{path}: {error}') from None
+    if not table.size:
+        raise GclError(f'{path} is empty; expected 12 numbers a line')
+    if table.shape[1] != 12:
+        raise GclError(f'{path}: expected 12 numbers a line, got {table.shape[1]}')
+    if not np.isfinite(table).all():
+        raise GclError(f'{path} holds a number that is not finite')
+    return table
 
 
 def is_rigid(T: Float[np.ndarray, '4 4']) -> bool:

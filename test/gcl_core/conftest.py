@@ -34,7 +34,6 @@ def kitti(tmp_path, scans, poses):
         write_cloud(folder / 'velodyne' / f'{i:06d}.bin', cloud)
     numbers = ' '.join(str(x) for x in TR[:3].ravel())
     (folder / 'calib.txt').write_text(f'P0: 1 0 0 0 0 1 0 0 0 0 1 0\nTr: {numbers}\n')
-    (folder / 'times.txt').write_text('0.0\n0.1\n0.2\n')
     camera = [TR @ T @ se3.inverse(TR) for T in poses]
     np.savetxt(tmp_path / 'poses/08.txt', [T[:3].ravel() for T in camera])
     shifted = [se3.from_xyz_rpy(x=5.0) @ T for T in camera]

@@ -44,7 +44,6 @@ def test_kitti_applies_tr_to_both_kinds_of_poses(kitti, poses):
         # 5 m along the camera's x are -5 m along the LiDAR's y
         close(suma.T_world_lidar(i), se3.from_xyz_rpy(y=-5.0) @ T)
     assert aligned(own, 0, 2) < 0.15
-    assert own.stamp(2) == pytest.approx(0.2)
 
 
 def test_kitti_takes_the_poses_that_exist(kitti):
@@ -74,13 +73,6 @@ def test_broken_kitti_files_are_named(kitti, file, content, message):
         KittiSequence(kitti, '08', poses='semantickitti')
 
 
-def test_kitti_times_are_read_when_asked_for(kitti):
-    (kitti / 'sequences/08/times.txt').write_text('0.0\n')
-    sequence = KittiSequence(kitti, '08')
-    with pytest.raises(GclError, match='1 times for 3 scans'):
-        sequence.stamp(0)
-
-
 def test_kitti_root_with_several_sequences_asks_which(kitti):
     shutil.copytree(kitti / 'sequences/08', kitti / 'sequences/09')
     with pytest.raises(GclError, match='name one of 08, 09'):
@@ -99,7 +91,6 @@ def test_nuscenes_scans_and_poses_have_kittis_axes(nuscenes, scans, poses):
     for i in range(3):
         np.testing.assert_allclose(sequence.scan(i).points, scans[i].points, atol=1e-4)
         close(sequence.T_world_lidar(i), poses[i])
-    assert sequence.stamp(2) == pytest.approx(1.0)
     assert aligned(sequence, 0, 2) < 0.15
     assert open_sequence(nuscenes).name == open_sequence(nuscenes, 'n015-2018').name
 
