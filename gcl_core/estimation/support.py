@@ -28,8 +28,8 @@ class Support:
     """
 
     def __init__(self, correspondences: Correspondences, threshold: float) -> None:
-        self.table = products(correspondences.source.float(), correspondences.target.float())
-        self._columns = self.table.t().contiguous()
+        self._table = products(correspondences.source.float(), correspondences.target.float())
+        self._columns = self._table.t().contiguous()
         self.weight = correspondences.weight.float().clamp(min=0)
         self._limit = threshold**2
 
@@ -50,7 +50,7 @@ class Support:
         """Re-estimate all six degrees of freedom from the inliers while the support grows."""
         if len(T) == 0:
             return []
-        best, inlier, table = T.double(), self.inliers(T), self.table.double()
+        best, inlier, table = T.double(), self.inliers(T), self._table.double()
         score = inlier.float() @ self.weight
         for _ in range(steps):
             moments = (inlier * (self.weight + 1e-6)).double() @ table
