@@ -156,6 +156,11 @@ class Registrar:
         bearable = np.deg2rad(self.model.config.max_yaw_deg)
         return float(min(np.pi / turns, bearable) + TURN_MARGIN * bearable)
 
+    def first_yaw(self, *, source: View, target: View) -> float:
+        """Yaw of the source's first turn; where it is the only one, both face the same way."""
+        same_way = se3.yaw(target.T_view_lidar @ se3.inverse(source.T_view_lidar))
+        return same_way if self.config.turns == 1 else 0.0
+
     def view(
         self,
         cloud: PointCloud,
@@ -200,8 +205,7 @@ class Registrar:
         with watch('describe'):
             seen = self.view(target)
             view = undescribed(source, self.model.facing(source), self.config.refine)
-        same_way = se3.yaw(seen.T_view_lidar @ se3.inverse(view.T_view_lidar))
-        yaw = same_way if self.config.turns == 1 else 0.0
+        yaw = self.first_yaw(source=view, target=seen)
         for turns in self.config.looks:
             with watch('describe'):
                 view = self.view(source, turns=turns, yaw=yaw, known=view)

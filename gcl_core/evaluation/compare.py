@@ -16,7 +16,7 @@ from gcl_core.estimation.refine import prepare, refine
 from gcl_core.evaluation.peers import fpfh_features
 from gcl_core.evaluation.predict import Outcome
 from gcl_core.matching.match import MatchConfig
-from gcl_core.registrar import Registrar, RegistrarConfig, search_headings
+from gcl_core.registrar import Registrar, RegistrarConfig, search_headings, undescribed
 from gcl_core.stopwatch import Stopwatch
 from gcl_core.types import Features, PointCloud
 
@@ -59,7 +59,7 @@ def best_hypothesis(pair: Described, config: RegistrarConfig) -> Float[np.ndarra
         pair.turns,
         pair.target,
         config,
-        max_yaw=pair.max_yaw,
+        max_yaw=np.pi if config.match == PAPER_MATCHES else pair.max_yaw,  # the paper has no limit
         watch=Stopwatch(),
     )
     if not found:
@@ -93,7 +93,7 @@ class Comparison:
             'target': prepare(target, config.refine),
         }
         for kind in self.features:
-            described = _describe(self.registrar, kind, source, target)
+            described = describe(self.registrar, kind, source, target)
             for name in self.estimators:
                 began = time.perf_counter()
                 T = best_hypothesis(described, settings(config, name))
@@ -103,18 +103,19 @@ class Comparison:
                 yield Outcome(f'{kind} + {name}', T, seconds)
 
 
-def _describe(
-    registrar: Registrar, kind: str, source: PointCloud, target: PointCloud
-) -> Described:
+def describe(registrar: Registrar, kind: str, source: PointCloud, target: PointCloud) -> Described:
+    """Describe a pair by `ours` or `fpfh`."""
     if kind == 'fpfh':  # does not depend on the heading
         alone = torch.eye(4).double()[None]
         return Described([fpfh_features(source)], alone, fpfh_features(target), np.eye(4), np.pi)
-    turns = registrar.config.turns
-    views = {'source': registrar.view(source, turns=turns), 'target': registrar.view(target)}
+    turns, seen = registrar.config.turns, registrar.view(target)
+    known = undescribed(source, registrar.model.facing(source), registrar.config.refine)
+    yaw = registrar.first_yaw(source=known, target=seen)
+    view = registrar.view(source, turns=turns, yaw=yaw, known=known)
     return Described(
-        headings=views['source'].headings,
-        turns=views['source'].turns @ torch.from_numpy(views['source'].T_view_lidar),
-        target=views['target'].headings[0],
-        T_turned_target=views['target'].T_view_lidar,
+        headings=view.headings,
+        turns=view.turns @ torch.from_numpy(view.T_view_lidar),
+        target=seen.headings[0],
+        T_turned_target=seen.T_view_lidar,
         max_yaw=registrar.max_heading(turns),
     )

@@ -4,17 +4,22 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 
+from gcl_core import se3
 from gcl_core.cli.main import main
 from gcl_core.config import load_config
 from gcl_core.errors import GclError
-from gcl_core.evaluation.benchmark import BenchmarkConfig
-from gcl_core.evaluation.contestants import check_weights
+from gcl_core.evaluation import metrics
+from gcl_core.evaluation.benchmark import BenchmarkConfig, Estimators
+from gcl_core.evaluation.compare import best_hypothesis, describe, settings
+from gcl_core.evaluation.contestants import check_weights, ready
 from gcl_core.evaluation.published import published
 from gcl_core.registrar import RegistrarConfig
 from gcl_core.training.recipe import TrainConfig
+from gcl_core.types import PointCloud
 
 CONFIG = Path(__file__).parents[2] / 'config'
 
@@ -59,6 +64,30 @@ def test_eth_is_scored_by_its_links(eth, tmp_path_factory):
     assert mean['fmr_percent'] == scene['fmr_percent']
     assert scene['mean_inlier_percent'] > 1  # 4 m apart
     assert 'voxels of 0.25 m' in results['figures'][0]['caption']
+
+
+def test_the_papers_row_is_the_papers_protocol(drive):
+    """One heading, one-way matches, no refinement; also where the axis of a street is unsure."""
+    methods = load_config(BenchmarkConfig, CONFIG / 'bench_kitti.yaml').methods
+    (paper,) = (method for method in methods if isinstance(method, Estimators))
+    assert paper.registrar.estimator.open3d_ransac.samples == 4_000_000
+    quick = replace(paper.registrar.estimator.open3d_ransac, samples=50_000)
+    estimator = replace(paper.registrar.estimator, open3d_ransac=quick)
+    contestant = ready(replace(paper, registrar=replace(paper.registrar, estimator=estimator)))
+    turns = [se3.from_xyz_rpy(yaw=np.deg2rad(45 + way)) for way in (3, -3)]
+    source, target = (
+        PointCloud(se3.transform(T, drive.scan(i).points)) for T, i in zip(turns, (96, 90))
+    )
+    views = [contestant.registrar.model.facing(cloud) for cloud in (source, target)]
+    assert abs(se3.yaw(views[0] @ se3.inverse(views[1]))) > 1  # a quarter turn apart
+    T = se3.inverse(drive.T_world_lidar(90)) @ drive.T_world_lidar(96)
+    (outcome,) = contestant(source, target)
+    T = turns[1] @ T @ se3.inverse(turns[0])
+    assert metrics.registered(outcome.T_target_source, T, metrics.LOOSE)
+    described = describe(contestant.registrar, 'ours', source, target)
+    assert len(described.headings) == 1
+    found = best_hypothesis(described, settings(contestant.registrar.config, 'paper'))
+    np.testing.assert_array_equal(outcome.T_target_source, found)  # not refined
 
 
 @pytest.mark.parametrize('path', sorted(CONFIG.glob('bench_*.yaml')), ids=lambda p: p.stem)
