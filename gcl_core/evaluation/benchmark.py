@@ -9,6 +9,7 @@ from gcl_core.data.pairs import BINS
 from gcl_core.data.simulator.meeting import Manoeuvre
 from gcl_core.errors import GclError
 from gcl_core.evaluation.metrics import Criterion
+from gcl_core.evaluation.published import published
 from gcl_core.registrar import RegistrarConfig
 
 
@@ -172,7 +173,7 @@ class BenchmarkConfig:
     overlap: bool = True
     criteria: tuple[Criterion, ...] = ()
     published: tuple[str, ...] = ()
-    figures: tuple[str, ...] = ()
+    figures: tuple[Literal['correlation', 'positives', 'drift', 'inliers', 'eth_recall'], ...] = ()
     worst: int = 6
 
     def __post_init__(self) -> None:
@@ -182,6 +183,11 @@ class BenchmarkConfig:
             raise GclError(f'methods: {", ".join(twice)} come twice; give each its own name')
         if not self.methods:
             raise GclError('methods is empty; name at least one')
+        for name in self.published:
+            published(name)
+        of_features = {*self.figures} - {'correlation', 'positives'}
+        if of_features and not any(isinstance(method, Ours) for method in self.methods):
+            raise GclError(f'figures: {", ".join(of_features)} need a method of kind ours')
 
     @property
     def estimators(self) -> dict[str, str]:

@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from gcl_core.errors import GclError
 from gcl_core.evaluation.benchmark import Ours
 from gcl_core.evaluation.cases import Case, case, worst
 from gcl_core.evaluation.contestants import registrar
@@ -20,6 +19,7 @@ from gcl_core.evaluation.runner import Run
 from gcl_core.evaluation.score import Row, by_overlap, by_sensors, by_yaw, score
 from gcl_core.evaluation.tables import Table, recall, stages, summary
 from gcl_core.files import write_text
+from gcl_core.registrar import Registrar
 from gcl_core.to_json import to_json
 
 BREAKDOWNS = {
@@ -121,28 +121,18 @@ def _plots(rows: list[Row], shown: list[Published]) -> Iterator[Drawing]:
 
 
 def _figures(run: Run) -> list[dict[str, Any]]:
-    """Draw the analysis figures: of positives once, of features with every one of our methods."""
+    """Draw the analysis figures: all our methods in one, but for a table of ETH of each."""
     names, seed = run.config.figures, run.config.seed
-    known = ('eth_recall', *OF_POSITIVES, *OF_FEATURES)
-    for name in names:
-        if name not in known:
-            raise GclError(f'no figure {name!r}; there are {", ".join(known)}')
-    found = [
-        {**asdict(OF_POSITIVES[name](run.sequences, seed=seed)), 'method': ''}
-        for name in names
-        if name in OF_POSITIVES
-    ]
-    of_methods = [name for name in names if name not in OF_POSITIVES]
-    ours = [method for method in run.config.methods if isinstance(method, Ours)]
-    for method in ours if of_methods else ():
-        made = registrar(method)
-        for name in of_methods:
-            if name == 'eth_recall':
-                result = eth_recall(made, run.sequences)
-            else:
-                result = OF_FEATURES[name](compare(made, run.sequences, seed=seed))
-            found.append({**asdict(result), 'method': method.name})
-    return found
+    drawn = [('', OF_POSITIVES[n](run.sequences, seed=seed)) for n in names if n in OF_POSITIVES]
+    ours: dict[str, Registrar] = {}
+    if {*names} - {*OF_POSITIVES}:
+        ours = {m.name: registrar(m) for m in run.config.methods if isinstance(m, Ours)}
+    if of_features := [name for name in names if name in OF_FEATURES]:
+        compared = compare(ours, run.sequences, seed=seed)
+        drawn += [('', OF_FEATURES[name](compared)) for name in of_features]
+    if 'eth_recall' in names:
+        drawn += [(name, eth_recall(own, run.sequences)) for name, own in ours.items()]
+    return [{**asdict(result), 'method': method} for method, result in drawn]
 
 
 def _figure_table(figure: dict[str, Any]) -> Table:

@@ -151,6 +151,9 @@ def test_missing_weights_come_with_the_command_that_makes_them(data, tmp_path, c
         ('pairs: [{kind: list, per_bin: 0}]', 'per_bin is 0'),
         ('source: {meet: dancing}', "'dancing' is none of"),
         ('figure: []', "unknown key 'figure'"),
+        ('figures: [drifts]', "'drifts' is none of"),
+        ('{methods: [{kind: peer, name: gicp}], figures: [drift]}', 'drift need a method of kind'),
+        ('published: [x]', "no published table 'x'"),
     ],
 )
 def test_bad_benchmarks_are_named(tmp_path, text, message):

@@ -11,6 +11,7 @@ import torch
 
 from gcl_core import se3
 from gcl_core.errors import GclError
+from gcl_core.evaluation import peers
 from gcl_core.evaluation.benchmark import BenchmarkConfig, Ours
 from gcl_core.evaluation.figures import (
     OF_FEATURES,
@@ -119,15 +120,15 @@ def test_features_that_name_their_spot_do_not_drift(corridor):
     """Descriptors of the world position drift little, those of the sensor's own frame more."""
     places = list(neighborhoods({'a': corridor}, 1, seed=0))
     groups = [place.groups() for place in places]
-    poses = dict(zip(map(id, places[0].clouds), places[0].T_centre_scan))
+    clouds, poses = places[0].clouds, places[0].T_centre_scan
 
     def where(cloud, T):
         points = torch.from_numpy(cloud.points)
         moved = torch.from_numpy(se3.transform(T, cloud.points)) / 20
         return Features(points, torch.cat([moved.sin(), moved.cos()], 1) / 3**0.5)
 
-    spots = drift.measure(places, groups, lambda c: where(c, poses[id(c)]), 0)
-    sensors = drift.measure(places, groups, lambda c: where(c, np.eye(4)), 0)
+    spots = drift.measure(places, groups, [list(map(where, clouds, poses))], 0)
+    sensors = drift.measure(places, groups, [[where(c, np.eye(4)) for c in clouds]], 0)
     assert np.median(spots.drift) < 0.05 * spots.unrelated
     assert np.median(sensors.drift) > 0.5 * sensors.unrelated
 
@@ -135,7 +136,7 @@ def test_features_that_name_their_spot_do_not_drift(corridor):
 def figure(name, registrar, sequences, seed):
     if name in OF_POSITIVES:
         return OF_POSITIVES[name](sequences, seed=seed)
-    return OF_FEATURES[name](compare(registrar, sequences, seed=seed))
+    return OF_FEATURES[name](compare({'ours': registrar}, sequences, seed=seed))
 
 
 @pytest.fixture(scope='module')
@@ -197,6 +198,23 @@ def test_a_benchmark_draws_positives_once_for_all_methods(corridor, monkeypatch)
     assert [(f['name'], f['method']) for f in results.figures] == [('positives', '')]
     assert [table.title for table in results.tables] == ['positives']
     assert len(results.drawings) == 1
+
+
+def test_a_benchmark_describes_every_scan_once_and_draws_all_methods_in_one(monkeypatch):
+    monkeypatch.setattr(compared, 'CENTRES', 1)
+    monkeypatch.setattr(inliers, 'PER_BIN', 1)
+    described = []
+    fpfh = lambda cloud: described.append(cloud) or peers.fpfh_features(cloud)  # noqa: E731
+    monkeypatch.setattr(compared, 'fpfh_features', fpfh)
+    methods, figures = (Ours(), Ours(name='other')), ('drift', 'inliers')
+    config = BenchmarkConfig(pairs=(), methods=methods, figures=figures)
+    sequences = {'a': Corridor(40.0)}
+    run = SimpleNamespace(config=config, sequences=sequences, drawn=[], provenance={})
+    results = gather(run, [])
+    assert len(described) == len({id(cloud) for cloud in described}) > 2
+    assert [f['name'] for f in results.figures] == ['drift', 'inliers']
+    for found in results.figures:
+        assert {row['method'] for row in found['rows']} == {'GCL-ROS', 'other', 'FPFH'}
 
 
 def test_a_command_draws_one(tmp_path, capsys, monkeypatch, write_folder):

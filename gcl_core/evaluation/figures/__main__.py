@@ -47,8 +47,9 @@ def draw(options: argparse.Namespace) -> FigureResult:
             raise GclError(f'{name} describes no scan; leave --baseline out')
         found = OF_POSITIVES[name](_open(options), seed=seed)
     else:
-        registrar = Registrar(RegistrarConfig(weights=options.weights))
-        found = OF_FEATURES[name](compare(registrar, _open(options), seed=seed, baseline=baseline))
+        weights = {'GCL-ROS': options.weights} | ({'pair-wise': baseline} if baseline else {})
+        registrars = {k: Registrar(RegistrarConfig(weights=w)) for k, w in weights.items()}
+        found = OF_FEATURES[name](compare(registrars, _open(options), seed=seed))
     rows = {'caption': found.caption, 'published': found.published, 'rows': found.rows}
     try:
         options.out.write_text(found.svg)

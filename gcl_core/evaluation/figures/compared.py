@@ -2,37 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import cycle
 
 from gcl_core.data.sequence import Sequence
-from gcl_core.evaluation.figures.result import BLUE, ORANGE, PURPLE
+from gcl_core.evaluation.figures.result import BLUE, GREEN, GREY, ORANGE, PURPLE, RED, SKY
 from gcl_core.evaluation.neighborhood import Neighborhood, neighborhoods
 from gcl_core.evaluation.peers import fpfh_features
 from gcl_core.matching.match import MatchConfig
-from gcl_core.models import zoo
 from gcl_core.registrar import Registrar
-from gcl_core.types import Features, PointCloud
+from gcl_core.types import Features
 
 CENTRES = 3  # centre scans with their neighbours
-Describe = Callable[[PointCloud], Features]
-OURS, FPFH, BASELINE = 'GCL-ROS', 'FPFH', 'pair-wise'
-COLORS = {OURS: BLUE, FPFH: ORANGE, BASELINE: PURPLE}
+PALETTE = (BLUE, PURPLE, GREEN, RED, SKY, GREY)  # FPFH is orange
 
 
 @dataclass(frozen=True)
 class Compared:
-    """What a figure of features is drawn from.
+    """What the figures of features are drawn from; every scan is described once.
 
     Attributes:
-        kinds: of features, each by its name.
         places: centre scans with their neighbours.
-        match: how the registrar matches.
+        features: by the name of who describes; of each place, of each of its clouds.
+        match: how the first registrar matches.
         seed: of what a figure draws at random.
     """
 
-    kinds: dict[str, Describe]
     places: list[Neighborhood]
+    features: dict[str, list[list[Features]]]
     match: MatchConfig
     seed: int
 
@@ -41,32 +39,30 @@ class Compared:
         """Names of those that the places are of."""
         return ', '.join(sorted({place.sequence for place in self.places}))
 
+    @property
+    def colors(self) -> dict[str, str]:
+        """Colour of each name."""
+        return dict(zip(self.features, cycle(PALETTE))) | {'FPFH': ORANGE}
+
 
 def compare(
-    registrar: Registrar,
-    sequences: Mapping[str, Sequence],
-    *,
-    seed: int = 0,
-    baseline: str = '',
+    registrars: Mapping[str, Registrar], sequences: Mapping[str, Sequence], *, seed: int = 0
 ) -> Compared:
-    """Ours, FPFH, and a network trained pair by pair if its weights are given.
+    """Describe the scans of a few places by every registrar's network, and by FPFH.
 
     Args:
-        registrar: holds our network.
+        registrars: by name; at least one.
         sequences: drives.
         seed: of the places, and of what a figure draws at random.
-        baseline: name or file of weights; empty leaves it out.
 
     Raises:
-        GclError: no such weights, or a sequence has no two scans within 60 m.
+        GclError: a sequence has no two scans within 60 m.
     """
-    kinds: dict[str, Describe] = {
-        OURS: lambda cloud: registrar.model.describe([cloud])[0],
-        FPFH: fpfh_features,
-    }
-    if baseline:
-        network = zoo.load_weights(baseline)
-        network.dtype = registrar.model.dtype
-        kinds[BASELINE] = lambda cloud: network.describe([cloud])[0]
+    networks = {name: registrar.model for name, registrar in registrars.items()}
     places = list(neighborhoods(sequences, CENTRES, seed))
-    return Compared(kinds, places, registrar.config.match, seed)
+    features = {
+        name: [[network.describe([cloud])[0] for cloud in place.clouds] for place in places]
+        for name, network in networks.items()
+    }
+    features['FPFH'] = [[fpfh_features(cloud) for cloud in place.clouds] for place in places]
+    return Compared(places, features, next(iter(registrars.values())).config.match, seed)

@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 
 from gcl_core.evaluation.feature_metrics import feature_drift
 from gcl_core.evaluation.figures import result
-from gcl_core.evaluation.figures.compared import COLORS, Compared, Describe
+from gcl_core.evaluation.figures.compared import Compared
 from gcl_core.evaluation.figures.result import FigureResult, Row
 from gcl_core.evaluation.figures.sampling import shared_spots
 from gcl_core.evaluation.neighborhood import MAX_RANGE, Neighborhood
@@ -57,25 +57,29 @@ def drift_figure(compared: Compared) -> FigureResult:
     places, seed = compared.places, compared.seed
     groups = [shared_spots(place) for place in places]
     measured = {
-        name: measure(places, groups, describe, seed) for name, describe in compared.kinds.items()
+        name: measure(places, groups, features, seed)
+        for name, features in compared.features.items()
     }
     rows = [row for name, found in measured.items() for row in _rows(name, found)]
-    svg = _draw(measured, rows, np.random.default_rng([seed, 26]))
+    svg = _draw(measured, rows, compared.colors, np.random.default_rng([seed, 26]))
     return FigureResult('drift', _caption(compared, groups, measured), svg, rows, PUBLISHED)
 
 
 def measure(
-    places: list[Neighborhood], groups: list[PositiveGroups], describe: Describe, seed: int
+    places: list[Neighborhood],
+    groups: list[PositiveGroups],
+    features: list[list[Features]],
+    seed: int,
 ) -> Drift:
-    """Describe all scans and measure the drift at every spot.
+    """Measure the drift at every spot.
 
     The feature of an observation is that of the nearest key point of its scan, so that methods
     with different key points are compared at the same spots.
     """
     rng = np.random.default_rng([seed, 25])
     ranges, drifts, unrelated = [], [], []
-    for place, spots in zip(places, groups, strict=True):
-        at_points = [at(describe(c), p) for c, p in zip(place.clouds, place.points)]
+    for place, spots, described in zip(places, groups, features, strict=True):
+        at_points = [at(f, p) for f, p in zip(described, place.points, strict=True)]
         descriptors = torch.cat(at_points).float()
         moved = feature_drift(descriptors, spots).numpy()
         others = np.ones(len(moved), bool)
@@ -143,18 +147,20 @@ def _caption(compared: Compared, groups: list[PositiveGroups], measured: dict[st
     )
 
 
-def _draw(measured: dict[str, Drift], rows: list[Row], rng: np.random.Generator) -> str:
+def _draw(
+    measured: dict[str, Drift], rows: list[Row], colors: dict[str, str], rng: np.random.Generator
+) -> str:
     figure = result.new_figure(10.5, 4.4)
     violins, curve = figure.subplots(1, 2, gridspec_kw={'width_ratios': (1, 1.4)})
     for place, (name, found) in enumerate(measured.items()):
-        _violin(violins, place, found, COLORS[name], rng)
+        _violin(violins, place, found, colors[name], rng)
         own = [r for r in rows if r['method'] == name and (r['lo_m'], r['hi_m']) != WHOLE]
         middle = [(row['lo_m'] + row['hi_m']) / 2 for row in own]
         low, median, high = (
             [row[key] / found.unrelated for row in own] for key in ('q25', 'median', 'q75')
         )
-        curve.plot(middle, median, color=COLORS[name], marker='o', ms=4, label=name)
-        curve.fill_between(middle, low, high, color=COLORS[name], alpha=0.15, linewidth=0)
+        curve.plot(middle, median, color=colors[name], marker='o', ms=4, label=name)
+        curve.fill_between(middle, low, high, color=colors[name], alpha=0.15, linewidth=0)
     violins.set_xticks(range(len(measured)), list(measured))
     result.tidy(violins, x='', y='feature drift (unit features)', title='all observations')
     title = 'over range, in units of unrelated spots'

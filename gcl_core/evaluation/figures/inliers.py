@@ -5,7 +5,6 @@ Paper, appendix, "Generalization to ETH", table of feature-match recall (FMR).
 
 from __future__ import annotations
 
-from functools import lru_cache
 from itertools import combinations
 from typing import Any
 
@@ -16,7 +15,7 @@ from gcl_core.data.pairs import BINS
 from gcl_core.errors import GclError
 from gcl_core.evaluation.feature_metrics import TAU1, TAU2, feature_match_recall, inlier_ratio
 from gcl_core.evaluation.figures import result
-from gcl_core.evaluation.figures.compared import COLORS, Compared, Describe
+from gcl_core.evaluation.figures.compared import Compared
 from gcl_core.evaluation.figures.result import FigureResult, Row
 from gcl_core.evaluation.metrics import wilson
 from gcl_core.evaluation.neighborhood import Neighborhood
@@ -43,10 +42,12 @@ def inliers_figure(compared: Compared) -> FigureResult:
     if not drawn:
         raise GclError(f'{compared.drives}: no two scans 5 to 50 m apart; take a longer drive')
     rows = []
-    for name, describe in compared.kinds.items():
-        ratios = measure(compared.places, drawn, describe, compared.match)
+    for name, features in compared.features.items():
+        ratios = measure(compared.places, drawn, features, compared.match)
         rows += [_row(name, bin_, ratios[bin_]) for bin_ in drawn]
-    return FigureResult('inliers', _caption(compared, rows), _draw(rows), rows, PUBLISHED)
+    return FigureResult(
+        'inliers', _caption(compared, rows), _draw(rows, compared.colors), rows, PUBLISHED
+    )
 
 
 def draw(places: list[Neighborhood], rng: np.random.Generator) -> dict[Bin, list[Drawn]]:
@@ -72,20 +73,16 @@ def draw(places: list[Neighborhood], rng: np.random.Generator) -> dict[Bin, list
 def measure(
     places: list[Neighborhood],
     drawn: dict[Bin, list[Drawn]],
-    describe: Describe,
+    features: list[list[Features]],
     config: MatchConfig,
 ) -> dict[Bin, list[float]]:
-    """Describe, match, and count right matches of each pair."""
+    """Match, and count right matches of each pair."""
 
-    @lru_cache
-    def described(place: int, scan: int) -> Features:
-        return describe(places[place].clouds[scan])
-
-    def ratio(number: int, source: int, target: int) -> float:
-        features = {'source': described(number, source), 'target': described(number, target)}
-        poses = places[number].T_centre_scan
+    def ratio(place: int, source: int, target: int) -> float:
+        own, poses = features[place], places[place].T_centre_scan
         T_target_source = se3.inverse(poses[target]) @ poses[source]
-        return inlier_ratio(match(**features, config=config), T_target_source)
+        matches = match(source=own[source], target=own[target], config=config)
+        return inlier_ratio(matches, T_target_source)
 
     return {bin_: [ratio(*pair) for pair in pairs] for bin_, pairs in drawn.items()}
 
@@ -119,7 +116,7 @@ def _caption(compared: Compared, rows: list[Row]) -> str:
     )
 
 
-def _draw(rows: list[Row]) -> str:
+def _draw(rows: list[Row], colors: dict[str, str]) -> str:
     figure = result.new_figure(10.5, 4.2)
     ratio, recall = figure.subplots(1, 2)
     names = list(dict.fromkeys(row['method'] for row in rows))
@@ -133,7 +130,7 @@ def _draw(rows: list[Row]) -> str:
         ):
             middle, low, high = (np.array([100 * row[key] for row in own]) for key in keys)
             spread = np.maximum([middle - low, high - middle], 0)
-            style: Any = {'color': COLORS[name], 'capsize': 2, 'elinewidth': 1}
+            style: Any = {'color': colors[name], 'capsize': 2, 'elinewidth': 1}
             axes.errorbar(x, middle, spread, marker='o', ms=4, label=name, **style)
     between = 'distance between the sensors, m'
     result.tidy(ratio, x=between, y='right matches, %', title='inlier ratio')
