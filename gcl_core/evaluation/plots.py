@@ -18,6 +18,7 @@ from gcl_core.evaluation.score import Row
 from gcl_core.types import Correspondences, PointCloud
 
 SOURCE_COLOR, TARGET_COLOR = '#e8590c', '#1971c2'
+NO_METADATA = dict.fromkeys(('Date', 'Creator', 'Format', 'Type'))  # nor their addresses
 
 
 def save(figure: object, path: Path) -> None:
@@ -41,7 +42,7 @@ def svg(figure: Any) -> str:
 
     file = io.StringIO()
     with rc_context({'svg.fonttype': 'none', 'svg.hashsalt': 'gcl'}):
-        figure.savefig(file, format='svg', bbox_inches='tight', metadata={'Date': None})
+        figure.savefig(file, format='svg', bbox_inches='tight', metadata=NO_METADATA)
     text = file.getvalue()
     return text[text.index('<svg') :]
 
@@ -74,12 +75,17 @@ def recall_over_distance(
         limits = np.array([metrics.wilson(count(row), row.pairs) for row in own]).reshape(-1, 2)
         bars = np.abs(limits.T - y)
         axes.errorbar(x, 100 * y, 100 * bars, marker='o', ms=4, capsize=2, lw=1.5, label=method)
-    for method, values in (published or {}).items():
-        x = np.array([7.5, 15, 25, 35, 45])
-        axes.plot(x, values, '--', lw=1, alpha=0.7, label=f'{method}, published')
+    for place, (method, values) in enumerate((published or {}).items()):
+        x, grey = np.array([7.5, 15, 25, 35, 45]), str(0.3 + 0.1 * (place % 4))
+        line = (0, (1 + 2 * (place // 4), 1.5 + place % 4))  # grey, apart by their dashes
+        axes.plot(x, values, ls=line, color=grey, lw=1, label=f'{method}, published')
     axes.set(xlabel='distance, m', ylabel='recall, %', ylim=(-2, 102), title=title)
     axes.grid(alpha=0.3)
-    axes.legend(fontsize=7, loc='center left', bbox_to_anchor=(1.0, 0.5))
+    lines = axes.get_legend_handles_labels()
+    ours_first = sorted(zip(*lines, strict=True), key=lambda line: line[1].endswith('published'))
+    axes.legend(
+        *zip(*ours_first, strict=True), fontsize=7, loc='center left', bbox_to_anchor=(1.0, 0.5)
+    )
     return figure
 
 

@@ -1,5 +1,6 @@
 """The report's page in a real browser, without a network: no error, every 3-D view drawn."""
 
+import re
 import shutil
 import subprocess
 
@@ -72,6 +73,13 @@ def test_the_page_escapes_what_it_shows(report):
     assert '&lt;none&gt;' in text
     assert 'still/&lt;b&gt;&amp; 1 to 0' in text
     assert 'Published (Liu et al.' in text
+
+
+def test_the_page_refers_to_nothing_outside(report):
+    names = {'http://www.w3.org/1999/xlink', 'http://www.w3.org/2000/svg'}  # looked up nowhere
+    text = report.read_text()
+    assert set(re.findall(r'\w+://[^"\'\s<>]+', text)) <= names
+    assert not re.search(r'\bsrc=|@import|url\((?!#)|href="(?!#)', text)
 
 
 TOUCH = """<script>

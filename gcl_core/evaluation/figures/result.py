@@ -6,6 +6,8 @@ import io
 from dataclasses import dataclass
 from typing import Any
 
+from gcl_core.evaluation.plots import NO_METADATA
+
 # Okabe and Ito's palette (2008), which colour-blind readers can tell apart.
 BLUE, ORANGE, GREEN, RED = '#0072b2', '#e69f00', '#009e73', '#d55e00'
 PURPLE, SKY, GREY = '#cc79a7', '#56b4e9', '#8a8a8a'
@@ -50,7 +52,7 @@ def to_svg(figure: Any, name: str) -> str:
 
     text = io.StringIO()
     with matplotlib.rc_context({'svg.hashsalt': name, 'svg.fonttype': 'none'}):
-        figure.savefig(text, format='svg', dpi=150, metadata={'Date': None})
+        figure.savefig(text, format='svg', dpi=150, metadata=NO_METADATA)
     return text.getvalue()
 
 

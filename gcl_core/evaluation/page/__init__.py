@@ -66,8 +66,12 @@ def _part(part: Table | Drawing | str) -> str:
 
 
 def _table(table: Table) -> str:
+    words = [cell[:1].isalpha() for cell in (table.rows or [table.head])[0]]
+
     def row(cells: Sequence[str], tag: str) -> str:
-        return '<tr>' + ''.join(f'<{tag}>{escape(cell)}</{tag}>' for cell in cells) + '</tr>'
+        kinds = [' class="word"' * word for word in words]
+        columns = zip(cells, kinds, strict=True)
+        return f'<tr>{"".join(f"<{tag}{kind}>{escape(c)}</{tag}>" for c, kind in columns)}</tr>'
 
     title = f'<h3>{escape(table.title)}</h3>' if table.title else ''
     rows = ''.join(row(cells, 'td') for cells in table.rows)
