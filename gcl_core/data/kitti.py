@@ -14,6 +14,7 @@ from gcl_core.data.poses import is_rigid, read_poses
 from gcl_core.errors import GclError
 from gcl_core.types import PointCloud
 
+LAYOUT = 'KITTI odometry is laid out as sequences/NN/velodyne/*.bin beside poses/NN.txt'
 PoseSource = Literal['auto', 'kitti', 'semantickitti']
 
 
@@ -24,6 +25,8 @@ class KittiSequence:
     camera frame, so that the world is the first camera's frame turned to LiDAR axes.
     KITTI's own poses (`poses/NN.txt`, from GPS) jump at the start of 00 and in 08; the public code
     of the paper takes SemanticKITTI's (`sequences/NN/poses.txt`, from SuMa, a LiDAR SLAM).
+
+    Where there is no folder `velodyne`, poses are what there is: enough to draw pairs by distance.
 
     Args:
         root: folder that holds `sequences` and `poses`.
@@ -37,30 +40,33 @@ class KittiSequence:
 
     def __init__(self, root: Path, sequence: str, poses: PoseSource = 'auto') -> None:
         folder = root / 'sequences' / sequence
-        for expected in (folder, folder / 'velodyne'):
-            if not expected.is_dir():
-                raise GclError(
-                    f'no folder {expected}; KITTI odometry is laid out as '
-                    'sequences/NN/velodyne/*.bin beside poses/NN.txt'
-                )
-        self._scans = sorted((folder / 'velodyne').glob('*.bin'))
+        self._folder = folder / 'velodyne'
+        if not folder.is_dir():
+            raise GclError(f'no folder {folder}; {LAYOUT}')
+        self._scans = sorted(self._folder.glob('*.bin'))
         own, suma = root / 'poses' / f'{sequence}.txt', folder / 'poses.txt'
         takes_suma = poses == 'semantickitti' or (
             poses == 'auto' and suma.is_file() and not own.is_file()
         )
         self.name = f'kitti/{sequence}-suma' if takes_suma else f'kitti/{sequence}'
         self._poses = lidar_poses(suma if takes_suma else own, folder / 'calib.txt')
-        if len(self._poses) != len(self._scans):
+        if self._folder.is_dir() and len(self._poses) != len(self._scans):
             raise GclError(
                 f'{self.name}: {len(self._scans)} scans but {len(self._poses)} poses; '
                 'the download is incomplete'
             )
 
     def __len__(self) -> int:
-        return len(self._scans)
+        return len(self._poses)
 
     def scan(self, index: int) -> PointCloud:
-        """Read one scan."""
+        """Read one scan.
+
+        Raises:
+            GclError: there are poses alone, or the file is damaged.
+        """
+        if not self._scans:
+            raise GclError(f'no folder {self._folder}; {LAYOUT}')
         return read_cloud(self._scans[index])
 
     def T_world_lidar(self, index: int) -> Float[np.ndarray, '4 4']:

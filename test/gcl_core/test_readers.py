@@ -73,6 +73,15 @@ def test_broken_kitti_files_are_named(kitti, file, content, message):
         KittiSequence(kitti, '08', poses='semantickitti')
 
 
+def test_kitti_poses_alone_are_enough_until_a_scan_is_read(kitti):
+    whole = positions(open_sequence(kitti))
+    shutil.rmtree(kitti / 'sequences/08/velodyne')
+    alone = open_sequence(kitti)
+    np.testing.assert_array_equal(positions(alone), whole)
+    with pytest.raises(GclError, match=r'no folder .*08/velodyne; KITTI odometry is laid out'):
+        alone.scan(0)
+
+
 def test_kitti_root_with_several_sequences_asks_which(kitti):
     shutil.copytree(kitti / 'sequences/08', kitti / 'sequences/09')
     with pytest.raises(GclError, match='name one of 08, 09'):
