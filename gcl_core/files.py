@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -31,6 +32,24 @@ def whole_file(path: Path) -> Iterator[Path]:
         ) from None
     finally:
         part.unlink(missing_ok=True)
+
+
+def check_writable(*paths: Path) -> None:
+    """See that files can be written, their folders made if need be: before long work, not after.
+
+    Raises:
+        GclError: one cannot.
+    """
+    for path in paths:
+        try:
+            if not path.parent.exists():
+                path.parent.mkdir(parents=True)
+            with tempfile.TemporaryFile(dir=path.parent):
+                pass
+        except OSError as error:
+            raise GclError(f'cannot write {path}: {reason_of(error)}') from None
+        if path.is_dir():
+            raise GclError(f'cannot write {path}: it is a folder; name a file')
 
 
 def write_text(path: Path, text: str) -> None:

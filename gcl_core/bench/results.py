@@ -25,10 +25,11 @@ from gcl_core.bench.measure import provenance
 from gcl_core.config import load_config
 from gcl_core.errors import bad_input_exits
 from gcl_core.evaluation.benchmark import BenchmarkConfig, Ours, Peer
-from gcl_core.evaluation.report import gather, write
+from gcl_core.evaluation.report import Results, gather, write
 from gcl_core.evaluation.runner import Run
 from gcl_core.evaluation.score import Row
-from gcl_core.evaluation.tables import recall, summary
+from gcl_core.evaluation.tables import across, recall, summary
+from gcl_core.files import check_writable, write_text
 from gcl_core.ops.memory import keep_freed_memory
 from gcl_core.registrar import RegistrarConfig
 
@@ -51,23 +52,24 @@ def main(arguments: list[str] | None = None) -> None:
 
 def measure(options: argparse.Namespace) -> None:
     """Run every benchmark and write what came of it."""
+    check_writable(options.out, options.json)
     keep_freed_memory()
-    facts, parts, rows = {}, [], []
+    here, parts, rows = provenance(), [], []
     for name in ('simulated', 'real') if options.data else ('simulated',):
         config = adapted(load_config(BenchmarkConfig, CONFIGS / f'bench_{name}.yaml'), options)
         if name == 'real':
             config = replace(config, source=replace(config.source, data=str(options.data)))
-        run = Run(config, options.folder / name, provenance=provenance())
+        run = Run(config, options.folder / name, provenance=here)
+        if run.provenance['commit'] != here['commit']:
+            said = f'{run.folder} goes on from commit {run.provenance["commit"]}'
+            print(f'{said}; remove it to measure this one alone', file=sys.stderr)
         predictions = run.predict()
         results = gather(run, predictions)
         write(run, predictions, results)
-        facts = {key: str(value) for key, value in run.provenance.items()}
-        parts.append(section(run, results.rows))
+        parts.append(section(run, results))
         rows += [row for r in results.rows for row in flat(run.config, r)]
-    options.json.parent.mkdir(parents=True, exist_ok=True)
-    options.json.write_text(json.dumps(rows, indent=1) + '\n')
-    options.out.parent.mkdir(parents=True, exist_ok=True)
-    options.out.write_text(document(facts, parts))
+    write_text(options.json, json.dumps(rows, indent=1) + '\n')
+    write_text(options.out, document(parts))
     print(f'wrote {options.out} and {options.json}; pages in {options.folder}')
 
 
@@ -101,7 +103,6 @@ def flat(config: BenchmarkConfig, row: Row) -> Iterator[dict[str, Any]]:
         'pairs': row.pairs,
         'rr_strict': round(row.strict / row.pairs, 4),
         'rr_loose': round(row.loose / row.pairs, 4),
-        'wrong': row.wrong,
         'rte_median_m': known(row.rte_median, 4),
         'rre_median_deg': known(row.rre_median_deg, 4),
         'ms': known(1e3 * row.seconds, 1),
@@ -109,32 +110,41 @@ def flat(config: BenchmarkConfig, row: Row) -> Iterator[dict[str, Any]]:
     }
 
 
-def section(run: Run, rows: list[Row]) -> str:
-    """Tables of one run."""
-    labels = '\n'.join(f'- {drawn.dataset}: {drawn.pairs.label}' for drawn in run.drawn)
+def section(run: Run, results: Results) -> str:
+    """Tables of one run: all distances, each set by distance, the rest, then the published."""
+    where = '{cpu}, {threads} threads, at commit {commit}, on {date}'.format(**run.provenance)
     turned = 'by a random heading' if run.config.random_yaw else 'not'
-    return (
-        f'## {run.config.title}\n\n{labels}\n\nEach source turned {turned}.\n\n'
-        f'{summary(rows).markdown()}\n\n{recall(rows).markdown()}\n'
-    )
+    parts = [
+        f'## {run.config.title}',
+        f'Measured on {where}. Each source turned {turned}.',
+        summary(results.rows).markdown(),
+    ]
+    for drawn in run.drawn:
+        own = [row for row in results.rows if row.dataset == drawn.dataset]
+        parts += [f'### {drawn.dataset}', f'{drawn.pairs.label}.', recall(own).markdown()]
+    for name, rows in results.breakdowns.items():
+        parts += [f'### Strict recall by {name}', across(rows).markdown()]
+    for table in (*results.more, *(published.table for published in results.published)):
+        parts += [f'### {table.title}', table.markdown(), table.note]
+    return '\n\n'.join(parts) + '\n'
 
 
-def document(facts: dict[str, str], parts: list[str]) -> str:
+def document(parts: list[str]) -> str:
     """The whole of docs/results.md."""
-    listed = ', '.join(f'{key} {value}' for key, value in facts.items())
-    weights = RegistrarConfig().weights
     best = Ours(give=('accepted', 'best')).labels['best']
     return (
         '# Results\n\n'
         'Written by `make bench DATA=DIR`; the numbers are in '
-        '[bench/results.json](../bench/results.json). '
-        f'{listed[0].upper()}{listed[1:]}; weights {weights}.\n\n'
+        '[bench/results.json](../bench/results.json). Weights: '
+        f'{RegistrarConfig().weights}, trained on simulated streets alone.\n\n'
         'Recall in percent with its 95 % Wilson interval: strict is 0.6 m and 1.5°, loose 2 m and '
         '5°. *wrong* counts transforms given that miss the loose criterion; GCL-ROS withholds '
-        f'what it is not sure of, which *{best}* gives too. mRR is the mean over the bins. RTE '
-        'and RRE are means over loosely registered pairs, s the median of a pair, MB the growth '
-        'of memory on the last pair of a bin. Pairs of one drive are correlated, so that the true '
-        'uncertainty is larger than the intervals.\n\n' + '\n'.join(parts)
+        f'what it is not sure of, which *{best}* gives too, and the peers do not judge what they '
+        'give. mRR is the mean over the bins. RTE and RRE are means over loosely registered '
+        'pairs, s is the median of a pair, MB the growth of memory on the last pair of a bin. '
+        'Pairs of one drive are correlated, so that the true uncertainty is larger than the '
+        'intervals. What is marked as published was not measured here. '
+        '[The methods](evaluation.md#methods).\n\n' + '\n'.join(parts)
     )
 
 

@@ -37,6 +37,7 @@ class Results:
         rows: by distance.
         breakdowns: rows by other properties of the pairs, by its name.
         tables: of rows, breakdowns, stages and figures, as they are shown.
+        more: those of stages and figures.
         drawings: plots and analysis figures.
         figures: what the analysis figures are made of, for the JSON.
         published: tables of the paper.
@@ -46,6 +47,7 @@ class Results:
     rows: list[Row]
     breakdowns: dict[str, list[Row]]
     tables: list[Table]
+    more: list[Table]
     drawings: list[Drawing]
     figures: list[dict[str, Any]]
     published: list[Published]
@@ -54,13 +56,13 @@ class Results:
 
 def write(run: Run, predictions: Sequence[Prediction], results: Results) -> None:
     """Write results and figures into the run's folder; the worst cases' scans are read again."""
-    folder = run.folder
+    folder, first = run.folder, bool(results.rows)
     write_text(folder / 'results.json', to_json(content(run, results), indent=1))
     write_text(folder / 'results.md', in_markdown(run.config.title, results))
     page_ = page(
         run.config.title,
         results.facts,
-        [*results.tables[:2], *results.drawings, *results.tables[2:]],
+        [*results.tables[:first], *results.drawings, *results.tables[first:]],
         list(_cases(run, predictions)),
         [p.table for p in results.published],
     )
@@ -75,13 +77,13 @@ def gather(run: Run, predictions: Sequence[Prediction]) -> Results:
     rows = score(predictions, criteria=config.criteria)
     scored = {name: score(predictions, by, config.criteria) for name, by in BREAKDOWNS.items()}
     breakdowns = {k: found for k, found in scored.items() if len({row.bin for row in found}) > 1}
-    tables = [recall(rows, title='By distance', criteria=config.criteria)] if rows else []
-    tables += [summary(rows)] if rows else []
+    tables = [summary(rows), recall(rows, title='By distance', criteria=config.criteria)]
+    tables = tables if rows else []
     tables += [
         recall(found, name, title=f'By {name}', criteria=config.criteria)
         for name, found in breakdowns.items()
     ]
-    tables += [t for t in [stages(predictions)] if t]
+    more = [t for t in [stages(predictions)] if t]
     shown = [published(name) for name in config.published]
     drawings = list(_plots(rows, shown))
     figures = _figures(run)
@@ -92,8 +94,9 @@ def gather(run: Run, predictions: Sequence[Prediction]) -> Results:
             caption = f'{figure["method"]}. {caption}'
         if svg_:
             drawings.append(Drawing(caption, svg_[svg_.index('<svg') :]))
-        tables += [_figure_table(figure)] if figure['rows'] else []
-    return Results(rows, breakdowns, tables, drawings, figures, shown, _facts(run))
+        more += [_figure_table(figure)] if figure['rows'] else []
+    tables += more
+    return Results(rows, breakdowns, tables, more, drawings, figures, shown, _facts(run))
 
 
 def _facts(run: Run) -> dict[str, str]:

@@ -99,10 +99,11 @@ def score(
         groups.setdefault((p.dataset, p.method, by(p)), []).append(p)
     rows = [_row(*key, items, criteria) for key, items in groups.items() if key[2] != '']
     places = {(r.dataset, r.method): i for i, r in reversed(list(enumerate(rows)))}
-    return sorted(rows, key=lambda r: (places[r.dataset, r.method], *_rank(r.bin)))
+    return sorted(rows, key=lambda r: (places[r.dataset, r.method], *rank(r.bin)))
 
 
-def _rank(group: Group) -> tuple[float, float, str]:
+def rank(group: Group) -> tuple[float, float, str]:
+    """Place of a group among others: numbers from low to high, then names."""
     return (np.inf, np.inf, group) if isinstance(group, str) else (*group, '')
 
 

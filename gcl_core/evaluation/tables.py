@@ -9,7 +9,7 @@ import numpy as np
 
 from gcl_core.evaluation import metrics
 from gcl_core.evaluation.predict import Prediction
-from gcl_core.evaluation.score import Group, Row, mean_recall
+from gcl_core.evaluation.score import Group, Row, mean_recall, rank
 
 
 @dataclass(frozen=True)
@@ -77,6 +77,17 @@ def recall(
         for row in rows
     ]
     return Table(title, head + ('MB',) * weighed, cells)
+
+
+def across(rows: Sequence[Row]) -> Table:
+    """Strict recall of every method, a column for each group of pairs."""
+    groups = sorted({row.bin for row in rows}, key=rank)
+    own = {(row.dataset, row.method, row.bin): share(row.strict, row.pairs) for row in rows}
+    cells = [
+        (*who, *(own.get((*who, group), '–') for group in groups))
+        for who in dict.fromkeys((row.dataset, row.method) for row in rows)
+    ]
+    return Table('', ('pairs of', 'method', *map(label, groups)), cells)
 
 
 def markdown(rows: Sequence[Row]) -> str:

@@ -249,12 +249,14 @@ def test_the_results_of_make_bench(data, tmp_path, monkeypatch, capsys):
     near, far = rows
     assert list(near) == [
         'dataset', 'method', 'estimator', 'lo_m', 'hi_m', 'yaw', 'pairs', 'rr_strict', 'rr_loose',
-        'wrong', 'rte_median_m', 'rre_median_deg', 'ms', 'peak_mb',
+        'rte_median_m', 'rre_median_deg', 'ms', 'peak_mb',
     ]  # fmt: skip
     assert (near['method'], near['yaw'], near['rr_strict']) == ('gicp', 'driven', 1.0)
     assert (far['lo_m'], far['hi_m'], far['rte_median_m']) == (20, 30, None)
     written = (tmp_path / 'r.md').read_text()
     assert '## Three pairs' in written
+    assert '### Strict recall by overlap, %\n\n| pairs of | method |' in written
+    assert 'Published (Liu et al., ICCV 2023, table comparison_kitti); strict' in written
     assert 'commit' in written
     assert '| gicp | 20–30 | 1 | 0 (' in written
     with pytest.raises(SystemExit, match='2'):
