@@ -129,11 +129,17 @@ def undescribed(
     )
 
 
+def own_calibration(weights: str) -> Path:
+    """Where the calibration of weights belongs: beside them."""
+    if weights.endswith('.safetensors'):
+        return Path(weights).with_suffix('.calibration.json')
+    return zoo.FOLDER / f'{weights}.calibration.json'
+
+
 def calibration_file(weights: str) -> Path:
-    """Where the calibration of weights lies: beside them; the shipped one for others without."""
-    beside = Path(weights).with_suffix('.calibration.json')
-    shipped = zoo.FOLDER / f'{weights}.calibration.json'
-    return next((p for p in (beside, shipped) if p.is_file()), zoo.FOLDER / SHIPPED)
+    """Where the calibration of weights lies; the shipped one for those without."""
+    own = own_calibration(weights)
+    return own if own.is_file() else zoo.FOLDER / SHIPPED
 
 
 class Registrar:

@@ -22,6 +22,8 @@ from gcl_core.bench.measure import milliseconds, provenance
 from gcl_core.config import load_config
 from gcl_core.data.formats import open_sequence
 from gcl_core.data.simulator.sequence import SimulatedSequence
+from gcl_core.errors import bad_input_exits
+from gcl_core.files import check_writable
 from gcl_core.models.kpconv_resunet import KPConvConfig
 from gcl_core.models.resunet import ResUNetConfig
 from gcl_core.models.zoo import NetworkConfig, build
@@ -46,6 +48,8 @@ def main() -> None:
     parser.add_argument('--scans', type=int, default=3, help='how many, spread over the drive')
     parser.add_argument('--threads', type=int, default=1)
     options = parser.parse_args()
+    with bad_input_exits('backbones'):
+        check_writable(options.out)
     torch.set_num_threads(options.threads)
     clouds = scans(options.data, options.sequence, options.scans)
     networks = {
@@ -60,7 +64,6 @@ def main() -> None:
             f'{row["data_ms"]:.0f} | {row["inference_ms"]:.0f} |'
         )
     figures |= provenance() | {'source': str(options.data or 'simulated')}
-    options.out.parent.mkdir(parents=True, exist_ok=True)
     options.out.write_text(json.dumps(figures, indent=2) + '\n')
 
 

@@ -18,6 +18,8 @@ import torch
 
 from gcl_core.bench.measure import gemm_gflops, milliseconds, peak_mb, provenance
 from gcl_core.data.simulator.sequence import SimulatedSequence
+from gcl_core.errors import bad_input_exits
+from gcl_core.files import check_writable
 from gcl_core.models.blocks import ConvNorm
 from gcl_core.models.resunet import ResUNet, ResUNetConfig
 from gcl_core.models.zoo import load_weights
@@ -38,6 +40,8 @@ def main() -> None:
     parser.add_argument('--out', type=Path, default=Path('bench/engine.json'))
     parser.add_argument('--naive', action='store_true', help=argparse.SUPPRESS)
     options = parser.parse_args()
+    with bad_input_exits('engine'):
+        check_writable(options.out)
     keep_freed_memory()  # as the nodes and the trainer do
     scan, model, voxels = fixture()
     if options.naive:
@@ -64,7 +68,6 @@ def main() -> None:
     figures |= provenance()
     rounded = {k: round(v, 6) if isinstance(v, float) else v for k, v in figures.items()}
     print('\n'.join(f'| {key} | {value} |' for key, value in rounded.items()))
-    options.out.parent.mkdir(parents=True, exist_ok=True)
     options.out.write_text(json.dumps(rounded, indent=2) + '\n')
 
 

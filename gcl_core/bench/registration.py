@@ -19,10 +19,12 @@ from typing import Any
 from gcl_core import se3
 from gcl_core.bench.measure import provenance
 from gcl_core.data.simulator.sequence import SimulatedSequence
+from gcl_core.errors import bad_input_exits
 from gcl_core.estimation.decision import examine
 from gcl_core.estimation.estimators import estimate
 from gcl_core.estimation.refine import prepare
 from gcl_core.estimation.surface import surface
+from gcl_core.files import check_writable
 from gcl_core.matching.keypoints import choose
 from gcl_core.matching.match import match
 from gcl_core.ops.memory import keep_freed_memory
@@ -41,6 +43,8 @@ def main() -> None:
     parser.add_argument('--out', type=Path, default=Path('bench/registration.json'))
     parser.add_argument('--repeats', type=int, default=15)
     options = parser.parse_args()
+    with bad_input_exits('registration'):
+        check_writable(options.out)
     keep_freed_memory()  # as the nodes do
     source, target = fixture()
     registrar = Registrar(RegistrarConfig(turns=1))
@@ -51,7 +55,6 @@ def main() -> None:
     for stage, row in figures.items():
         print(f'| {stage} |', ' | '.join(f'{value:.1f}' for value in row.values()), '|')
     content = {'points': [len(source), len(target)], 'stages': figures, **provenance()}
-    options.out.parent.mkdir(parents=True, exist_ok=True)
     options.out.write_text(json.dumps(content, indent=2) + '\n')
 
 

@@ -22,8 +22,9 @@ from gcl_core.estimation.fit_judges import fit_choice, fit_judge, fit_trust
 from gcl_core.evaluation.encounters import Seen, encounters, few_turns
 from gcl_core.evaluation.reliability import Verdicts, fit_spread, joined, report, verdicts
 from gcl_core.evaluation.trials import GATE_MARGIN, Trial, load_trials, save_trials
+from gcl_core.files import check_writable
 from gcl_core.progress import progress
-from gcl_core.registrar import Registrar, RegistrarConfig, calibration_file
+from gcl_core.registrar import Registrar, RegistrarConfig, own_calibration
 
 REPEATED_WEIGHT = 1 / 3  # every fourth world repeats one house; fewer streets do
 ALL_TURNS_EVERY = 5  # worlds: one at all headings, the others at few
@@ -38,7 +39,7 @@ def collect(
     """Write the trials of each world to a file; those that are there already are kept."""
     import time
 
-    folder.mkdir(parents=True, exist_ok=True)
+    check_writable(folder / 'world')
     others: list[Seen] = []
     began, turns, few = time.monotonic(), registrar.config.turns, few_turns(registrar)
     for number in progress(range(first, last), unit='world'):
@@ -135,6 +136,8 @@ def main() -> None:
 
 def run(o: Any) -> None:
     """Run with parsed options."""
+    out = o.out or own_calibration(o.weights)
+    check_writable(out)
     registrar = Registrar(RegistrarConfig(weights=o.weights))
     collect(registrar, o.trials, o.first, o.first + o.worlds, o.seconds)
     if o.collect_only:
@@ -151,7 +154,6 @@ def run(o: Any) -> None:
         'trials': len(everything),
         'cross_validated': figures.splitlines(),
     }
-    out = o.out or calibration_file(o.weights)
     save_calibration(out, fit_both(everything, registrar.calibrations), record)
     print(f'wrote {out}')
 

@@ -23,6 +23,7 @@ from gcl_core.evaluation import metrics
 from gcl_core.evaluation.accept_tables import Row, by_distance, by_kind, markdown
 from gcl_core.evaluation.adversaries import Case, group
 from gcl_core.evaluation.encounters import few_turns
+from gcl_core.files import check_writable, write_text
 from gcl_core.models import zoo
 from gcl_core.progress import progress
 from gcl_core.registrar import Registrar, RegistrarConfig
@@ -54,7 +55,7 @@ def judge(registrar: Registrar, case: Case) -> Row:
 
 def measure(registrar: Registrar, folder: Path, numbers: Iterable[int], seconds: float) -> None:
     """Write a file for each group that has none yet; stop after so many seconds."""
-    folder.mkdir(parents=True, exist_ok=True)
+    check_writable(folder / 'group')
     turns, few, began = registrar.config.turns, few_turns(registrar), time.monotonic()
     for number in numbers:
         path = folder / f'group_{number:04d}.json'
@@ -67,7 +68,7 @@ def measure(registrar: Registrar, folder: Path, numbers: Iterable[int], seconds:
         )
         cases = progress(group(registrar, number), desc=path.stem, unit='pair')
         rows = [asdict(judge(registrar, case)) for case in cases]
-        path.write_text(json.dumps(rows) + '\n')
+        write_text(path, json.dumps(rows) + '\n')
 
 
 def load(folder: Path) -> list[Row]:
@@ -94,6 +95,8 @@ def main() -> None:
 
 def run(o: argparse.Namespace) -> None:
     """Run with parsed options."""
+    if o.out:
+        check_writable(o.out)
     registrar = Registrar(RegistrarConfig(weights=o.weights))
     config = registrar.config
     last = o.first - (-o.pairs // PAIRS) if o.last is None else o.last
@@ -116,7 +119,7 @@ def run(o: argparse.Namespace) -> None:
             'by_kind': by_kind(rows),
             'true_by_distance': by_distance(rows),
         }
-        o.out.write_text(json.dumps(content, indent=1) + '\n')
+        write_text(o.out, json.dumps(content, indent=1) + '\n')
 
 
 if __name__ == '__main__':

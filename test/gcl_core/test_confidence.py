@@ -18,7 +18,7 @@ from gcl_core.estimation.confidence import (
 from gcl_core.estimation.evidence import COLUMNS
 from gcl_core.estimation.fit_judges import fit_choice, fit_judge, fit_trust
 from gcl_core.models import zoo
-from gcl_core.registrar import calibration_file
+from gcl_core.registrar import calibration_file, own_calibration
 
 SPREAD = Spread(factor=2.0, floor=0.01, floor_deg=0.02, upright=0.5, power=1.5)
 
@@ -125,6 +125,8 @@ def test_calibration_lies_beside_the_weights(tmp_path):
     assert shipped.parent == zoo.FOLDER
     own = tmp_path / 'own.safetensors'
     assert calibration_file(str(own)) == shipped
+    assert own_calibration(zoo.DEFAULT) == shipped
     beside = tmp_path / 'own.calibration.json'
+    assert own_calibration(str(own)) == beside  # never the shipped one: it would be written over
     beside.touch()
     assert calibration_file(str(own)) == beside

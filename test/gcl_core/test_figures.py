@@ -233,7 +233,7 @@ def test_a_command_draws_one(tmp_path, capsys, monkeypatch, write_folder):
     assert 'published' in capsys.readouterr().out
     for bad in (
         ['positives', *arguments[1:], '--baseline', 'x'],
-        [*arguments[:-1], str(tmp_path / 'none' / 'x.svg')],
+        [*arguments[:-1], str(out / 'x.svg')],
     ):
         with pytest.raises(SystemExit, match='2'):
             main(bad)

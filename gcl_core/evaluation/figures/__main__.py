@@ -11,6 +11,7 @@ from gcl_core.data.sequence import Sequence
 from gcl_core.data.simulator.sequence import SimulatedSequence
 from gcl_core.errors import GclError, bad_input_exits
 from gcl_core.evaluation.figures import OF_FEATURES, OF_POSITIVES, FigureResult, compare
+from gcl_core.files import check_writable, write_text
 from gcl_core.registrar import Registrar, RegistrarConfig
 
 
@@ -42,6 +43,7 @@ def draw(options: argparse.Namespace) -> FigureResult:
         GclError: bad weights or data, a figure without a baseline, or no way to write.
     """
     name, seed, baseline = options.figure, options.seed, options.baseline
+    check_writable(options.out)
     if name in OF_POSITIVES:
         if baseline:
             raise GclError(f'{name} describes no scan; leave --baseline out')
@@ -51,11 +53,8 @@ def draw(options: argparse.Namespace) -> FigureResult:
         registrars = {k: Registrar(RegistrarConfig(weights=w)) for k, w in weights.items()}
         found = OF_FEATURES[name](compare(registrars, _open(options), seed=seed))
     rows = {'caption': found.caption, 'published': found.published, 'rows': found.rows}
-    try:
-        options.out.write_text(found.svg)
-        options.out.with_suffix('.json').write_text(json.dumps(rows, indent=2) + '\n')
-    except OSError as error:
-        raise GclError(f'cannot write {options.out}: {error.strerror}') from None
+    write_text(options.out, found.svg)
+    write_text(options.out.with_suffix('.json'), json.dumps(rows, indent=2) + '\n')
     return found
 
 

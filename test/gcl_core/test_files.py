@@ -1,0 +1,46 @@
+"""Commands that take long refuse at once to write where nothing can be written."""
+
+import sys
+
+import pytest
+
+from gcl_core.bench import backbones, engine, registration, results
+from gcl_core.data.simulator.sequence import SimulatedSequence
+from gcl_core.errors import GclError
+from gcl_core.evaluation import calibrate, false_accepts
+from gcl_core.evaluation.figures import __main__ as figures
+from gcl_core.files import check_writable
+from gcl_core.registrar import Registrar
+
+LONG = {
+    'backbones': (backbones, []),
+    'engine': (engine, []),
+    'registration': (registration, []),
+    'results': (results, []),
+    'false_accepts': (false_accepts, ['--chunks', 'chunks']),
+    'calibrate': (calibrate, ['--trials', 'trials']),
+    'figures': (figures, ['drift', '--simulated', '3']),
+}
+
+
+def work(*_, **__):
+    raise AssertionError('began to work')
+
+
+@pytest.mark.parametrize(('module', 'arguments'), LONG.values(), ids=LONG)
+def test_long_commands_look_first(module, arguments, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(Registrar, '__init__', work)
+    monkeypatch.setattr(SimulatedSequence, '__init__', work)
+    (tmp_path / 'file').write_text('')
+    monkeypatch.setattr(sys, 'argv', ['x', *arguments, '--out', 'file/x.json'])
+    with pytest.raises(SystemExit, match='2'):
+        module.main()
+    assert 'cannot write file/x.json: Not a directory' in capsys.readouterr().err
+
+
+def test_looking_makes_the_folder_and_leaves_nothing_in_it(tmp_path):
+    check_writable(tmp_path / 'a/b.json')
+    assert [path.name for path in tmp_path.rglob('*')] == ['a']
+    with pytest.raises(GclError, match='a: it is a folder'):
+        check_writable(tmp_path / 'a')
