@@ -104,12 +104,12 @@ def find_groups(
         offsets=torch.from_numpy(offsets),
         member=torch.from_numpy(members),
         sensor_range=torch.from_numpy(sensor_range),
-        finest=torch.from_numpy(_first_minimum(sensor_range, offsets)),
+        finest=torch.from_numpy(first_minimum(sensor_range, offsets)),
         anchor=torch.from_numpy(aligned[0][kept]),
     )
 
 
-def _first_minimum(value: Float[np.ndarray, ' n'], offsets: np.ndarray) -> np.ndarray:
+def first_minimum(value: Float[np.ndarray, ' n'], offsets: np.ndarray) -> np.ndarray:
     """Position of the smallest value in each segment."""
     segment = np.repeat(np.arange(len(offsets) - 1), np.diff(offsets))
     order = np.lexsort((value, segment))

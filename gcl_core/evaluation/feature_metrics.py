@@ -47,8 +47,7 @@ def feature_drift(
     """Distance of each member's feature from the one of its spot's finest observation.
 
     Paper, section "Analysis", "Feature drift and its correlation with density", where the densest
-    observation is the finest; `groups.finest` is the one nearest to its own sensor (see
-    `gcl_core.data.groups`). The finest member's own drift is 0.
+    observation is the finest: see `figures.sampling.densest`. The finest member's own drift is 0.
 
     Args:
         descriptors: of all scans stacked, as `groups.member` counts them.

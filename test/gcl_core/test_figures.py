@@ -1,6 +1,7 @@
 """The analysis figures on a corridor of a few thousand points, and by their command."""
 
 import json
+from dataclasses import replace
 from functools import lru_cache
 from types import SimpleNamespace
 from xml.etree import ElementTree
@@ -25,8 +26,8 @@ from gcl_core.evaluation.figures import (
 )
 from gcl_core.evaluation.figures.__main__ import main
 from gcl_core.evaluation.figures.dependence import near_curve, roadside, shared_bits
-from gcl_core.evaluation.figures.sampling import draw_positives, two_members
-from gcl_core.evaluation.neighborhood import centres, neighborhood, neighborhoods
+from gcl_core.evaluation.figures.sampling import densest, draw_positives, two_members
+from gcl_core.evaluation.neighborhood import Neighborhood, centres, neighborhood, neighborhoods
 from gcl_core.evaluation.report import gather
 from gcl_core.models import zoo
 from gcl_core.models.resunet import ResUNetConfig
@@ -114,6 +115,20 @@ def test_positives_are_pairs_of_the_partner_and_groups_of_all(corridor):
     np.testing.assert_allclose(
         np.sort(members[pairs.numpy()], axis=1), np.sort(own.view(-1, 2).numpy(), axis=1)
     )
+
+
+def test_the_densest_observation_is_not_always_the_nearest():
+    spot = np.array([10.0, 0, 0])
+    near, far = spot + [[0, 0, 0]], spot + [20, 0, 0] + np.random.default_rng(0).random((5, 3)) / 9
+    clouds = tuple(PointCloud(points.astype(np.float32)) for points in (near, far))
+    points = tuple(torch.from_numpy(c.points).mean(0, keepdim=True) for c in clouds)
+    poses = np.stack([np.eye(4), se3.from_xyz_rpy(x=-20)])
+    place = Neighborhood('a', (0, 1), clouds, points, poses)
+    groups = place.groups()
+    assert groups.member[groups.finest].tolist() == [0]
+    assert groups.member[densest(place, groups).finest].tolist() == [1]
+    alike = replace(place, clouds=(clouds[0], PointCloud(points[1].numpy())))
+    assert groups.member[densest(alike, groups).finest].tolist() == [0]
 
 
 def test_features_that_name_their_spot_do_not_drift(corridor):

@@ -18,7 +18,7 @@ from gcl_core.evaluation.feature_metrics import feature_drift
 from gcl_core.evaluation.figures import result
 from gcl_core.evaluation.figures.compared import Compared
 from gcl_core.evaluation.figures.result import FigureResult, Row
-from gcl_core.evaluation.figures.sampling import shared_spots
+from gcl_core.evaluation.figures.sampling import densest, shared_spots
 from gcl_core.evaluation.neighborhood import MAX_RANGE, Neighborhood
 from gcl_core.types import Features, PositiveGroups
 
@@ -55,7 +55,7 @@ def drift_figure(compared: Compared) -> FigureResult:
         GclError: the scans of a place share no spot.
     """
     places, seed = compared.places, compared.seed
-    groups = [shared_spots(place) for place in places]
+    groups = [densest(place, shared_spots(place)) for place in places]
     measured = {
         name: measure(places, groups, features, seed)
         for name, features in compared.features.items()
@@ -137,9 +137,9 @@ def _caption(compared: Compared, groups: list[PositiveGroups], measured: dict[st
         for name, median in medians.items()
     )
     return (
-        'Distance of the feature of an observation from the one of the nearest observation of the '
+        'Distance of the feature of an observation from the one of the densest observation of the '
         f'same spot; {sum(map(len, groups))} spots around {len(groups)} scans of '
-        f'{compared.drives}. Left: all observations but the nearest. Features that lie close '
+        f'{compared.drives}. Left: all observations but the densest. Features that lie close '
         'together altogether drift '
         'little and tell little: so right, median and quartiles over range, in units of the '
         'median distance between unrelated spots, where 1 means that nothing is recognised. '

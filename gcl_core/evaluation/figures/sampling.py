@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+import torch
 from jaxtyping import Float
+from scipy.spatial import cKDTree
 
+from gcl_core.data.groups import first_minimum
 from gcl_core.data.sequence import Sequence
 from gcl_core.errors import GclError
-from gcl_core.evaluation.neighborhood import Neighborhood, neighborhoods
+from gcl_core.evaluation.neighborhood import VOXEL, Neighborhood, neighborhoods
 from gcl_core.types import PositiveGroups
 
 KINDS = ('pair-wise', 'group-wise')
@@ -90,6 +93,22 @@ def shared_spots(place: Neighborhood) -> PositiveGroups:
             'check the poses'
         )
     return groups
+
+
+def densest(place: Neighborhood, groups: PositiveGroups) -> PositiveGroups:
+    """Take as finest of each group the observation of most returns, as the paper defines it.
+
+    Returns belong to the nearest of the scan's voxels; of equal counts the one nearest to its
+    sensor is taken.
+    """
+    returns = []
+    for cloud, points in zip(place.clouds, place.points, strict=True):
+        _, nearest = cKDTree(points.numpy()).query(cloud.points, distance_upper_bound=VOXEL)
+        returns.append(np.bincount(nearest, minlength=len(points) + 1)[:-1])
+    own = np.concatenate(returns)[groups.member.numpy()]
+    rank = groups.sensor_range.numpy() / 1e3 - own  # ranges are below 80 m
+    finest = first_minimum(rank, groups.offsets.numpy())
+    return replace(groups, finest=torch.from_numpy(finest))
 
 
 def two_members(groups: PositiveGroups, rng: np.random.Generator) -> Ranges:
