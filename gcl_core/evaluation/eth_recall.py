@@ -45,7 +45,7 @@ def eth_recall(registrar: Registrar, sequences: Mapping[str, Sequence]) -> Figur
     rows.append({'scene': 'mean', 'pairs': pairs, 'fmr_percent': mean})
     size = registrar.model.config.voxel_size
     caption = f'Feature-match recall at {TAU1:g} m and {100 * TAU2:g} %, voxels of {size:g} m.'
-    return FigureResult('eth_recall', caption, '', rows, 'The paper: table generalize_eth.')
+    return FigureResult('eth_recall', caption, '', rows, 'table generalize_eth.')
 
 
 def _scene(registrar: Registrar, name: str, sequence: Sequence) -> Row:

@@ -89,11 +89,8 @@ def gather(run: Run, predictions: Sequence[Prediction]) -> Results:
     figures = _figures(run)
     for figure in figures:
         svg_ = figure.pop('svg')
-        caption = f'{figure["caption"]} {figure["published"]}'
-        if figure['method']:
-            caption = f'{figure["method"]}. {caption}'
         if svg_:
-            drawings.append(Drawing(caption, svg_[svg_.index('<svg') :]))
+            drawings.append(Drawing(_told(figure), svg_[svg_.index('<svg') :]))
         more += [_figure_table(figure)] if figure['rows'] else []
     tables += more
     return Results(rows, breakdowns, tables, more, drawings, figures, shown, _facts(run))
@@ -140,13 +137,20 @@ def _figures(run: Run) -> list[dict[str, Any]]:
 
 def _figure_table(figure: dict[str, Any]) -> Table:
     head = tuple(dict.fromkeys(key for row in figure['rows'] for key in row))
-    cells = [
-        tuple(f'{v:.4g}' if isinstance(v := row.get(k, ''), float) else str(v) for k in head)
-        for row in figure['rows']
-    ]
-    note = f'{figure["caption"]} {figure["published"]}'
-    title = ', '.join(filter(None, (figure['name'], figure['method'])))
-    return Table(title, head, cells, note)
+    cells = [tuple(_cell(row.get(key, '')) for key in head) for row in figure['rows']]
+    title = ', '.join(filter(None, (f'Figure {figure["name"]}', figure['method'])))
+    return Table(title, head, cells, _told(figure))
+
+
+def _cell(value: Any) -> str:
+    if isinstance(value, list):
+        return ', '.join(map(_cell, value))
+    return f'{value:.4g}' if isinstance(value, float) else str(value)
+
+
+def _told(figure: dict[str, Any]) -> str:
+    """Caption, and what the paper states, marked as published."""
+    return f'{figure["caption"]} Published: {figure["published"]}'
 
 
 def _cases(run: Run, predictions: Sequence[Prediction]) -> Iterator[Case]:

@@ -211,7 +211,7 @@ def test_a_benchmark_draws_positives_once_for_all_methods(corridor, monkeypatch)
     run = SimpleNamespace(config=config, sequences={'a': corridor}, drawn=[], provenance={})
     results = gather(run, [])
     assert [(f['name'], f['method']) for f in results.figures] == [('positives', '')]
-    assert [table.title for table in results.tables] == ['positives']
+    assert [table.title for table in results.tables] == ['Figure positives']
     assert len(results.drawings) == 1
 
 

@@ -10,6 +10,7 @@ import pytest
 from gcl_core import se3
 from gcl_core.data.pairs import Pair
 from gcl_core.evaluation.cases import case, worst
+from gcl_core.evaluation.figures.result import new_figure
 from gcl_core.evaluation.page import Drawing, page
 from gcl_core.evaluation.plots import recall_over_distance, svg
 from gcl_core.evaluation.predict import Prediction
@@ -61,7 +62,10 @@ def report(tmp_path_factory):
         rows, lambda row: row.strict, title='a & b', published=table.curves
     )
     cases = [case(p, {Still.name: Still()}) for p in worst(predictions(), 4)]
-    parts = ['A heading', recall(rows), Drawing('recall <b>', svg(figure))]
+    dots = new_figure(3, 3)
+    dots.add_subplot().scatter([0, 1], [0, 1], rasterized=True)  # a picture within the SVG
+    plots = [Drawing('recall <b>', svg(figure)), Drawing('dots', svg(dots))]
+    parts = ['A heading', recall(rows), *plots]
     path = tmp_path_factory.mktemp('page') / 'report.html'
     path.write_text(page('Title & more', {'cpu': '<none>'}, parts, cases, [table.table]))
     return path
@@ -78,8 +82,9 @@ def test_the_page_escapes_what_it_shows(report):
 def test_the_page_refers_to_nothing_outside(report):
     names = {'http://www.w3.org/1999/xlink', 'http://www.w3.org/2000/svg'}  # looked up nowhere
     text = report.read_text()
+    assert 'data:image/png' in text
     assert set(re.findall(r'\w+://[^"\'\s<>]+', text)) <= names
-    assert not re.search(r'\bsrc=|@import|url\((?!#)|href="(?!#)', text)
+    assert not re.search(r'\bsrc=|@import|url\((?!#)|href="(?!#|data:)', text)
 
 
 TOUCH = """<script>
@@ -113,7 +118,7 @@ def test_the_page_runs_in_a_browser(report, tmp_path):
     touched = report.with_name('touched.html')
     touched.write_text(text.replace('</body>', TOUCH))
     document, console = opened(touched, tmp_path)
-    assert console == []
+    assert console == []  # the browser also tells of what the page's policy keeps from loading
     assert 'data-shown="4"' in document
     assert 'data-different="4"' in document  # turned, zoomed, moved to another place
     broken = report.with_name('broken.html')
