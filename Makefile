@@ -57,9 +57,10 @@ bench-fuzz: install
 		--only-binary :all: --target build/atheris atheris || echo "no atheris: without coverage"
 	PYTHONPATH=build/atheris $(BIN)/python -m gcl_ros.fuzz --inputs 100000 --out bench/fuzz.json
 
-# The node over real DDS while everything around it goes wrong: `make soak MINUTES=3` is what CI runs.
+# The node over real DDS while everything around it goes wrong, for an hour; Ctrl-C ends it with a
+# report of what it saw.  CI runs `make soak MINUTES=3 OUT=build/soak/soak.json`.
 soak: install
-	$(BIN)/python -m gcl_ros.soak --minutes $(or $(MINUTES),60)
+	$(BIN)/python -m gcl_ros.soak --minutes $(or $(MINUTES),60) --out $(or $(OUT),bench/soak.json)
 
 # Licences of what is installed, and known vulnerabilities by pip-audit, in a folder of its own.
 audit: install

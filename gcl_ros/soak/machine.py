@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from gcl_ros.soak.faults import Fault
 BUSY = 'while True: pass'
 FULL = 4096  # bytes that a file may have when the disk is full
 PARAMETERS = {'max_pair_dt': 0.05, 'registrar.turns': 1, 'max_points': 400_000}
+RECORDED = 120  # seconds for a recording without room to end, in the end
 
 
 class Machine:
@@ -26,6 +28,9 @@ class Machine:
         folder: for logs.
         seed: of the faults.
         seconds: how long the run is.
+
+    Attributes:
+        brought: how often each kind of fault was.
     """
 
     def __init__(self, bag: Path, folder: Path, seed: int, seconds: float) -> None:
@@ -34,16 +39,19 @@ class Machine:
         times = {'seed': seed, 'began': self._began, 'seconds': seconds}
         self._times = [part for k, v in times.items() for part in (f'--{k}', str(v))]
         self._running: dict[str, subprocess.Popen[Any]] = {}
+        self._recordings: list[subprocess.Popen[Any]] = []
         self._fault: Fault | None = None
+        self.brought: Counter[str] = Counter()
         settings = [f'{name}:={value}' for name, value in PARAMETERS.items()]
         arguments = ['--ros-args', *(part for s in settings for part in ('-p', s))]
         self._start('node', ['-m', 'gcl_ros.registrar_node', *arguments])
 
-    def _start(self, name: str, arguments: list[str]) -> None:
+    def _process(self, name: str, arguments: list[str]) -> subprocess.Popen[Any]:
         with (self._folder / f'{name.replace(" ", "_")}.log').open('a') as log:
-            self._running[name] = subprocess.Popen(
-                [sys.executable, *arguments], stdout=log, stderr=log
-            )
+            return subprocess.Popen([sys.executable, *arguments], stdout=log, stderr=log)
+
+    def _start(self, name: str, arguments: list[str]) -> None:
+        self._running[name] = self._process(name, arguments)
 
     def begin(self) -> float:
         """Let the vehicles send; seconds since the epoch."""
@@ -79,6 +87,7 @@ class Machine:
         self._fault = fault
         if fault is None:
             return
+        self.brought[fault.kind] += 1
         if fault.kind in ('kill source', 'kill target'):
             self._kill(fault.kind.removeprefix('kill '))
         elif fault.kind == 'slow processor':
@@ -86,8 +95,9 @@ class Machine:
                 self._start(f'busy {number}', ['-c', BUSY])
         elif fault.kind == 'full disk':
             self._disk(FULL)
-            recording = ['-m', 'gcl_ros.soak.recording', str(self._bag)]
-            self._start('recording', [*recording, str(self._folder / 'recorded')])
+            out = self._folder / f'recorded_{len(self._recordings)}'
+            recording = ['-m', 'gcl_ros.soak.recording', str(self._bag), str(out)]
+            self._recordings.append(self._process('recording', recording))
 
     def _undo(self) -> None:
         if self._fault is not None and self._fault.kind == 'full disk':
@@ -107,17 +117,18 @@ class Machine:
         process.send_signal(signal.SIGKILL)
         process.wait()
 
-    def recording_failed(self) -> str:
-        """What a recording without room did wrong; empty where nothing."""
-        process = self._running.pop('recording', None)
-        if process is None or process.wait(timeout=120) == 0:
+    def recordings_failed(self) -> str:
+        """What recordings without room did wrong; empty where nothing."""
+        failed = sum(not _ended_well(process) for process in self._recordings)
+        if not failed:
             return ''
-        return (self._folder / 'recording.log').read_text()[-500:]
+        log = (self._folder / 'recording.log').read_text()
+        return f'{failed} of {len(self._recordings)}: {log[-500:]}'
 
     def stop(self) -> int | None:
         """End everything; return the node's exit code, None where it had to be killed."""
+        self._disk(resource.RLIM_INFINITY)
         node = self._running.pop('node')
-        self._undo()
         for name in list(self._running):
             self._kill(name)
         node.terminate()
@@ -126,3 +137,11 @@ class Machine:
         except subprocess.TimeoutExpired:
             node.kill()
             return None
+
+
+def _ended_well(process: subprocess.Popen[Any]) -> bool:
+    try:
+        return process.wait(timeout=RECORDED) == 0
+    except subprocess.TimeoutExpired:
+        process.kill()
+        return False

@@ -17,6 +17,7 @@ from gcl_ros.conversions import matrix
 
 ASK, PATIENCE = 5.0, 60.0  # seconds between questions, and for an answer: processors are busy
 REFUSALS = ('withheld', 'left out')  # counts in the diagnostics
+COUNTED = ('accepted', 'strict', 'wrong', *REFUSALS, 'answers', 'unanswered', 'not active')
 
 
 class Observer(Node):
@@ -29,7 +30,7 @@ class Observer(Node):
     def __init__(self, truths: list[np.ndarray]) -> None:
         super().__init__('observer')
         self._truths = truths
-        self.counts: Counter[str] = Counter()
+        self.counts: Counter[str] = Counter(dict.fromkeys(COUNTED, 0))
         self.wrong: list[dict[str, Any]] = []
         self.unexplained: list[str] = []
         self.reasons: Counter[str] = Counter()

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+import threading
 from itertools import pairwise
 from pathlib import Path
 from typing import get_args
@@ -11,11 +12,19 @@ import pytest
 
 from gcl_core.types import PointCloud
 from gcl_ros.bag import Encounter, write_bag
-from gcl_ros.soak.__main__ import FLAT, failures, memory_change
-from gcl_ros.soak.faults import Kind, active, schedule
+from gcl_ros.session import PROFILE
+from gcl_ros.soak.__main__ import DOMAIN, failures, soak
+from gcl_ros.soak.faults import Fault, Kind, active, schedule
+from gcl_ros.soak.machine import Machine
 from gcl_ros.soak.publisher import PERIOD, SCENE, Vehicle
+from gcl_ros.soak.watch import FLAT, in_short, memory_change
 
 ROOT = Path(__file__).parents[2]
+ALONE = {  # what a run sets for its processes
+    'ROS_DOMAIN_ID': DOMAIN,
+    'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+    'FASTDDS_DEFAULT_PROFILES_FILE': str(PROFILE),
+}
 
 
 @pytest.fixture
@@ -67,17 +76,49 @@ def test_a_recording_without_room_is_refused_and_leaves_nothing(bag, tmp_path):
     assert list((tmp_path / 'out').iterdir()) == []
 
 
+def test_every_recording_without_room_is_judged_and_a_run_may_end_within_one(bag, tmp_path):
+    machine = Machine(bag, tmp_path, seed=0, seconds=1.0)
+    for start in (0.0, 1.0):
+        machine.bring(Fault('full disk', start, start + 1.0, 0.5))
+    assert machine.stop() is not None
+    assert machine.brought == {'full disk': 2}
+    assert machine.recordings_failed() == ''
+    machine._recordings.append(subprocess.Popen([sys.executable, '-c', 'exit("kept")']))
+    assert machine.recordings_failed().startswith('1 of 3')
+
+
+def test_a_run_that_is_interrupted_reports_what_it_saw(bag, tmp_path, monkeypatch):
+    for name, value in ALONE.items():
+        monkeypatch.setenv(name, value)
+    stop = threading.Event()
+    stop.set()
+    report = soak(tmp_path, 60.0, 0, stop)
+    assert report['failures'][0] == 'the run ended after 0.0 s: it was interrupted'
+    assert (report['accepted'], report['wrong'], report['faults']) == (0, 0, {})
+    assert {'reasons', 'memory_mb', 'cpu', 'date'} <= set(report)
+
+
 def test_memory_that_grows_after_the_node_is_warm_is_told():
     warming = [500.0 + 10 * k for k in range(50)]
     assert abs(memory_change([*warming, *[1000.0] * 50])) < FLAT
     assert memory_change([*warming, *[1000.0 + 5 * k for k in range(50)]]) > FLAT
 
 
+def test_memory_is_told_in_short():
+    told = in_short([400.0, 500.0, 520.0, 510.0])
+    assert told == {'start': 400.0, 'warm': 520.0, 'end': 510.0, 'peak': 520.0}
+    assert in_short([]) == {}
+
+
 GOOD = {
     'seconds': 60.0,
+    'problem': '',
     'node exit': 0,
     'answers': 10,
+    'unanswered': 0,
+    'not active': 0,
     'accepted': 5,
+    'wrong': 0,
     'unexplained': [],
     'recording': '',
     'memory_change': 0.01,
@@ -88,6 +129,7 @@ GOOD = {
     ('change', 'text'),
     [
         ({'seconds': 30.0, 'node exit': -11}, 'the node ended after 30'),
+        ({'seconds': 30.0, 'problem': 'no room'}, 'the run ended after 30.0 s: no room'),
         ({'unanswered': 1}, 'did not answer'),
         ({'answers': 0}, 'did not answer'),
         ({'wrong': 1}, '1 of 5 transforms were wrong'),
