@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
 import signal
 import sys
 import threading
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 import rclpy
@@ -17,7 +19,7 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 
-from gcl_core.errors import GclError
+from gcl_core.errors import GclError, bad_input_exits
 from gcl_core.ops.memory import keep_freed_memory
 from gcl_ros.parameters import Parameters
 from gcl_ros.transport import unprotected
@@ -166,7 +168,7 @@ def run(make: Callable[[], ConfiguredNode[Any]]) -> None:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
     keep_freed_memory(arenas=1)
-    with rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO):
+    with _ros():
         node = make()
         if lost := unprotected():
             node.get_logger().warning(lost)
@@ -182,3 +184,13 @@ def run(make: Callable[[], ConfiguredNode[Any]]) -> None:
             except Exception as error:  # of a callback: the others go on
                 node.get_logger().error(f'please report: {error!r}', throttle_duration_sec=5.0)
         node.destroy_node()
+
+
+def _ros() -> rclpy.InitContextManager:
+    """Start ROS; a file of parameters that is none, or an argument, ends the program with 2."""
+    with bad_input_exits(Path(sys.argv[0]).stem):
+        try:
+            return rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
+        except RuntimeError as error:  # rcl's own; from `at` on it tells of its sources
+            reason = re.sub(r', at /.*', '', str(error))
+            raise GclError(f'{reason}; see config/registrar.yaml for the form') from None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import array
 import dataclasses
+import difflib
 from collections.abc import Mapping
 from typing import Any, Generic, TypeVar
 
@@ -73,10 +74,8 @@ class Parameters(Generic[C]):
             GclError: a parameter was given that does not exist, or a value does not fit.
         """
         if self._unknown:
-            raise GclError(
-                f'unknown parameter {", ".join(sorted(self._unknown))}; known are '
-                f'{", ".join(self.defaults)}'
-            )
+            wrong = '; '.join(f'{name}{self._nearest(name)}' for name in sorted(self._unknown))
+            raise GclError(f'unknown parameter {wrong}; start the node anew without it')
         changes = changes or {}
         for name, reason in self._refused.items():
             if name not in changes:
@@ -89,6 +88,12 @@ class Parameters(Generic[C]):
             if isinstance(value, array.array):  # a list, as it comes over a service
                 values[name] = value.tolist()
         return from_mapping(self._kind, _nested(values), f'parameters of {self._node.get_name()}')
+
+    def _nearest(self, name: str) -> str:
+        """What may be meant by a name that does not exist."""
+        within = [known for known in self.defaults if known.endswith(f'.{name}')]
+        known = within or difflib.get_close_matches(name, self.defaults)
+        return f' (did you mean {" or ".join(known)}?)' if known else ''
 
     def settled(self, names: Mapping[str, Any]) -> None:
         """Forget what was wrong with the start values of parameters that have been set since."""

@@ -19,6 +19,7 @@ from gcl_core.errors import GclError
 from gcl_ros.bag import CLOUD
 from gcl_ros.bag_reader import Bag, open_bag
 
+NAP = 0.2  # seconds: no longer asleep at a time
 SETTLE = 2.0  # seconds until a subscriber that we see has seen us too
 DISCOVERY_LIMIT = 60.0  # seconds to wait for a subscriber: a network takes its time to load
 
@@ -89,8 +90,7 @@ def replay(path: Path, playback: Playback, node: Node) -> int:
         while True:
             began = time.monotonic()
             for connection, stamp, raw in reader.raw(played, start=begin):
-                due = (stamp - begin) * 1e-9 / playback.rate
-                time.sleep(max(0.0, due - (time.monotonic() - began)))
+                _sleep(began + (stamp - begin) * 1e-9 / playback.rate, node)
                 if not node.context.ok():
                     return count
                 if clock is not None:
@@ -104,6 +104,12 @@ def replay(path: Path, playback: Playback, node: Node) -> int:
     for publisher in clouds if playback.reliable else ():
         publisher.wait_for_all_acked(rclpy.duration.Duration(seconds=10))
     return count
+
+
+def _sleep(until: float, node: Node) -> None:
+    """Sleep to a time of the monotonic clock, or until the node is shut down."""
+    while node.context.ok() and (left := until - time.monotonic()) > 0:
+        time.sleep(min(left, NAP))
 
 
 def _is_cloud(connection: Connection) -> bool:

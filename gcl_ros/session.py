@@ -14,10 +14,12 @@ from typing import Any
 
 import numpy as np
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TransformStamped
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
+from gcl_core.errors import GclError
 from gcl_ros.bag import TRUTH
 from gcl_ros.conversions import matrix, seconds
 
@@ -43,15 +45,27 @@ class Row:
 
 
 class Listener(Node):
-    """Holds estimated against true transforms."""
+    """Holds estimated against true transforms.
+
+    Attributes:
+        rows: by their stamps.
+        problem: why the node cannot work; empty where nothing is wrong with it.
+    """
 
     def __init__(self, on_estimate: Callable[[Row], None]) -> None:
         super().__init__('listener')
         self.rows: dict[float, Row] = {}
+        self.problem = ''
         self._on_estimate = on_estimate
         latched = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self.create_subscription(TransformStamped, TRUTH, self._truth, latched)
         self.create_subscription(TransformStamped, '/registrar/transform', self._estimate, 10)
+        self.create_subscription(DiagnosticArray, '/diagnostics', self._diagnosed, 10)
+
+    def _diagnosed(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            if status.name == 'registrar' and status.message.startswith('unconfigured: '):
+                self.problem = status.message
 
     def _truth(self, message: TransformStamped) -> None:
         stamp = seconds(message.header.stamp)
@@ -104,23 +118,37 @@ def through_node(
         rate: bag seconds a wall second; pairs that come faster than the node works are dropped.
         node_arguments: after `--ros-args`.
         on_estimate: called with each row as its transform arrives.
+
+    Raises:
+        GclError: the node cannot work with these parameters, or has ended.
     """
     local_dds()
     ros = ['--ros-args', *node_arguments] if node_arguments else []
     replay = [str(bag), '--rate', str(rate)]
     with rclpy.init():
         listener = Listener(on_estimate)
-        with process('registrar_node', ros, folder), process('replay', replay, folder) as player:
-            _spin_until_done(listener, player, expected)
+        with (
+            process('registrar_node', ros, folder) as registrar,
+            process('replay', replay, folder) as player,
+        ):
+            for _ in _until_done(listener, player, expected):
+                if listener.problem or registrar.poll() is not None:
+                    reason = listener.problem or f'it ended, exit code {registrar.returncode}'
+                    raise GclError(
+                        f'no transform from the node: {reason}; see its log in {folder}'
+                    )
         listener.destroy_node()
     return [listener.rows[stamp] for stamp in sorted(listener.rows)]
 
 
-def _spin_until_done(listener: Listener, player: subprocess.Popen[Any], expected: int) -> None:
+def _until_done(
+    listener: Listener, player: subprocess.Popen[Any], expected: int
+) -> Iterator[None]:
     """Listen until every pair is answered, or the bag has ended and the last had its time."""
     until = float('inf')
     while time.monotonic() < until:
         rclpy.spin_once(listener, timeout_sec=0.2)
+        yield
         answered = sum(row.T_estimated is not None for row in listener.rows.values())
         if answered == expected:
             return

@@ -2,6 +2,7 @@
 
 import os
 import random
+import re
 import signal
 import subprocess
 import sys
@@ -14,6 +15,7 @@ from geometry_msgs.msg import TransformStamped
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 
+from gcl_core.errors import GclError
 from gcl_core.evaluation import metrics
 from gcl_ros.bag import pair_encounters, write_bag
 from gcl_ros.registrar_node import RegistrarNode
@@ -82,7 +84,8 @@ def test_replayed_bag_comes_out_right(drive, tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ('arguments', 'message'),
     [
-        (['-p', 'registrar.trun:=1'], 'unknown parameter registrar.trun'),
+        (['-p', 'registrar.trun:=1'], 'registrar.trun (did you mean registrar.turns'),
+        (['-p', 'turns:=1'], 'unknown parameter turns (did you mean registrar.turns'),
         (['-p', 'registrar.turns:=0'], 'turns is 0'),
         (['-p', 'registrar.turns:=many'], "expected int, got 'many'"),
         (['-p', 'registrar.weights:=other'], "no weights 'other'"),
@@ -94,6 +97,41 @@ def test_bad_parameters_are_logged_and_the_node_lives(environment, tmp_path, arg
         assert wait_for(lambda: message in log.read_text()), log.read_text()
         assert 'nothing will be published' in log.read_text()
         assert process.poll() is None
+
+
+@pytest.mark.parametrize(
+    ('text', 'message'),
+    [
+        (None, 'Error opening YAML file'),
+        ('registrar:\n  ros__parameters:\n    sources: [a, 1]\n', 'should be of same type'),
+    ],
+)
+def test_a_file_of_parameters_that_is_none_ends_it_with_two(environment, tmp_path, text, message):
+    path = tmp_path / 'parameters.yaml'
+    if text is not None:
+        path.write_text(text)
+    command = registrar('--params-file', str(path))
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=READY)
+    assert done.returncode == 2, done.stderr
+    assert (str(path) in done.stderr, message in done.stderr) == (True, True), done.stderr
+    assert 'Traceback' not in done.stderr
+
+
+@pytest.mark.parametrize(
+    ('setting', 'message'),
+    [
+        ('registrar.trun:=1', 'unknown parameter registrar.trun'),
+        ('registrar.turns:=[1', 'it ended, exit code 2'),
+    ],
+)
+def test_a_bag_is_not_played_to_a_node_that_cannot_work(
+    drive, tmp_path, monkeypatch, setting, message
+):
+    """The bag lasts ten minutes; nobody waits for its end."""
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(random.randint(1, 100)))
+    write_bag(tmp_path / 'bag', list(pair_encounters(drive, drive, [(96, 90)] * 2, period=600.0)))
+    with pytest.raises(GclError, match=re.escape(message)):
+        through_node(tmp_path / 'bag', tmp_path, expected=2, node_arguments=['-p', setting])
 
 
 INT, TERM = signal.SIGINT, signal.SIGTERM

@@ -85,6 +85,18 @@ def test_loop_starts_again(rig, bag):
     assert not player.thread.is_alive()
 
 
+def test_it_ends_in_a_long_pause_of_a_bag(rig, bag):
+    context = Context()
+    rclpy.init(context=context, domain_id=rig.domain)
+    player = Player(rig, bag, Playback(rate=0.01), Node('player', context=context))
+    try:
+        assert rig.until(lambda: len(player.clouds) == 2)
+    finally:
+        rclpy.shutdown(context=context)
+        player.thread.join(timeout=10)
+    assert not player.thread.is_alive()
+
+
 def test_it_ends_while_it_waits_for_subscribers(rig, bag):
     context = Context()
     rclpy.init(context=context, domain_id=rig.domain)
