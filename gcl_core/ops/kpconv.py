@@ -184,7 +184,8 @@ class KPConv(nn.Module):
         super().__init__()
         self.weight = nn.Parameter(torch.empty(kernel, in_channels, out_channels))
         # A size for the norm behind it to start from; what arrives depends on the density.
-        nn.init.normal_(self.weight, std=math.sqrt(2.0 / (kernel * in_channels)))
+        if not self.weight.is_meta:  # as in `SparseConv`
+            nn.init.normal_(self.weight, std=math.sqrt(2.0 / (kernel * in_channels)))
 
     def forward(
         self, x: Float[torch.Tensor, 'n c_in'], felt: Influences

@@ -102,7 +102,9 @@ class SparseConv(nn.Module):
         super().__init__()
         self.weight = nn.Parameter(torch.empty(kernel**3, in_channels, out_channels))
         # He initialisation for the neighbours that exist: about 8 of 27 (measured on HDL-64E).
-        nn.init.normal_(self.weight, std=math.sqrt(2.0 / (0.3 * kernel**3 * in_channels)))
+        std = math.sqrt(2.0 / (0.3 * kernel**3 * in_channels))
+        if not self.weight.is_meta:  # to draw nothing, torch would import its compiler: a second
+            nn.init.normal_(self.weight, std=std)
 
     def forward(
         self, x: Float[torch.Tensor, 'n_in c_in'], kmap: KernelMap

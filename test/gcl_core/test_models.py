@@ -1,4 +1,6 @@
 import json
+import subprocess
+import sys
 from dataclasses import asdict, replace
 
 import numpy as np
@@ -92,6 +94,16 @@ def test_weights_round_trip_and_refuse_damage(tmp_path, tiny_network):
     path.write_bytes(content)
     with pytest.raises(GclError, match='sha256'):
         zoo.load_weights(str(path))
+
+
+def test_weights_are_loaded_without_torchs_compiler():
+    """It takes a second to import, and nothing here compiles."""
+    code = (
+        'import sys; from gcl_core.models import zoo; zoo.load_weights()\n'
+        'print("torch._dynamo" in sys.modules)'
+    )
+    done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ['False']
 
 
 def test_missing_and_foreign_weights_are_named(tmp_path):
