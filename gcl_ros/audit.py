@@ -64,8 +64,7 @@ def licence(package: metadata.Distribution) -> str:
 def vulnerabilities(packages: dict[str, metadata.Distribution]) -> int:
     """Ask pip-audit; 0 if nothing is known, 1 if something is, 2 if nothing could be checked."""
     if importlib.util.find_spec('pip_audit') is None:
-        print('pip-audit is not installed: known vulnerabilities NOT checked; run `make audit`')
-        return 2
+        return unchecked('pip-audit is not installed; run `make audit`')
     with tempfile.NamedTemporaryFile('w', suffix='.txt') as file:
         for name, package in packages.items():
             file.write(f'{name}=={package.version.split("+")[0]}\n')
@@ -75,14 +74,25 @@ def vulnerabilities(packages: dict[str, metadata.Distribution]) -> int:
     try:
         rows = json.loads(done.stdout)['dependencies']
     except (ValueError, KeyError):
-        print(f'pip-audit failed, nothing was checked: {done.stderr[-500:]}')
-        return 2
+        last = done.stderr.strip().rpartition('\n')[2]
+        return unchecked(f'pip-audit failed, is the advisory service in reach? {last[-300:]}')
     return told(rows)
+
+
+def unchecked(why: str) -> int:
+    """Say that nothing is known, which is not that nothing is wrong."""
+    print(f'known vulnerabilities NOT CHECKED: {why}')
+    return 2
 
 
 def told(rows: list[dict[str, Any]]) -> int:
     """Print what pip-audit found; what it skipped is not taken for sound."""
     skipped = [row['name'] for row in rows if 'skip_reason' in row]
+    if len(skipped) == len(rows):
+        return unchecked(
+            f'the advisory service answered for none of {len(rows)} packages: is it in reach, or '
+            'is a mirror asked in its place?'
+        )
     bad = [row for row in rows if row.get('vulns')]
     for row in bad:
         for hole in row['vulns']:
@@ -91,8 +101,8 @@ def told(rows: list[dict[str, Any]]) -> int:
     checked = len(rows) - len(skipped)
     print(f'{checked} of {len(rows)} packages checked, {len(bad)} with known vulnerabilities')
     if skipped:
-        print(f'NOT checked, unknown to the advisory service: {", ".join(skipped)}')
-    return 1 if bad else 0 if checked else 2
+        print(f'NOT CHECKED, unknown to the advisory service: {", ".join(skipped)}')
+    return int(bool(bad))
 
 
 def main() -> None:
