@@ -50,7 +50,7 @@ bench-registration: install
 bench-age: install
 	$(BIN)/python -m gcl_ros.bench_age --out build/age --minutes $(or $(MINUTES),1)
 
-# 100,000 hostile inputs to every reader; a quarter of an hour.  atheris, which looks for inputs that
+# 100,000 hostile inputs, shared among all readers; under a quarter of an hour.  atheris, which looks for inputs that
 # reach new code, goes to a folder of its own; where it has no wheel, inputs are broken blindly.
 bench-fuzz: install
 	test -d build/atheris || $(BIN)/pip install -q --disable-pip-version-check --no-deps \

@@ -21,7 +21,8 @@ from gcl_ros.fuzz.mutate import mutated
 
 LONGEST = 1 << 17  # bytes of an input
 INSTRUMENTED = ['gcl_core.data', 'gcl_core.config', 'gcl_core.models.zoo', 'gcl_ros', 'rosbags']
-STRUCTURED = 0.7  # share of mutations by `mutate`, the others by libFuzzer
+FRESH = 0.3  # share of inputs made from whole ones; the others from what libFuzzer has kept
+STRUCTURED = 0.7  # share of the others by `mutate`, the rest by libFuzzer
 
 
 class Run:
@@ -43,16 +44,18 @@ class Run:
     def one(self, data: bytes) -> None:
         """Feed one input."""
         from gcl_ros.fuzz.sandbox import outcome
+        from gcl_ros.fuzz.targets import put
 
         if self._counts.total() >= self._wanted:
             self.finish()
-        (self._folder / 'last').write_bytes(data)
+        put(self._folder / 'last', data)
         self._counts[outcome(self._target, data, self.work)] += 1
 
     def finish(self) -> None:
         """Write the counts and leave."""
-        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-        content = {**self._counts, 'peak_mb': round(peak)}
+        used = resource.getrusage(resource.RUSAGE_SELF)
+        spent = round(used.ru_utime + used.ru_stime, 1)
+        content = {**self._counts, 'processor_s': spent, 'peak_mb': round(used.ru_maxrss / 1024)}
         self._report.write_text(json.dumps(content) + '\n')
         os._exit(0)
 
@@ -91,9 +94,11 @@ def _guided(atheris: Any, run: Run, seeds: list[bytes], o: argparse.Namespace) -
         (corpus / f'seed_{number}').write_bytes(data)
 
     def mutator(data: bytes, max_size: int, seed: int) -> bytes:
-        rng = np.random.default_rng(seed)
+        rng, whole = np.random.default_rng(seed), seeds[seed % len(seeds)]
+        if rng.random() < FRESH:
+            return mutated(whole, rng, whole)[:max_size]
         if rng.random() < STRUCTURED:
-            return mutated(data, rng, seeds[seed % len(seeds)])[:max_size]
+            return mutated(data, rng, whole)[:max_size]
         return bytes(atheris.Mutate(data, max_size))
 
     options = [f'-seed={o.seed + 1}', f'-max_len={LONGEST}', '-rss_limit_mb=0', '-timeout=300']
