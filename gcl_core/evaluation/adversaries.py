@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import permutations
 
 import numpy as np
 from jaxtyping import Float
@@ -48,7 +49,7 @@ def between(kind: str, source: Seen, target: Seen) -> Case:
 
 
 def group(registrar: Registrar, number: int) -> Iterator[Case]:
-    """About 400 pairs among the scans of six streets of one kind and four special places.
+    """404 pairs among the scans of six streets of one kind and four special places.
 
     Args:
         registrar: describes sources at its number of turns; headings are such that it may find
@@ -58,13 +59,10 @@ def group(registrar: Registrar, number: int) -> Iterator[Case]:
     rng = np.random.default_rng([number, 12])
     seeds = FIRST_WORLD + 100 * number + np.arange(WORLDS)
     kind = list(KINDS)[number % len(KINDS)]
-    targets: list[list[Seen]] = []
-    sources: list[list[Seen]] = []
+    streets = []
     for seed in seeds:
-        one = Street(registrar, int(seed), kind, rng)
-        yield from one.cases()
-        targets.append(one.targets)
-        sources.append(one.sources)
+        streets.append(Street(registrar, int(seed), kind, rng))
+        yield from streets[-1].cases()
     for special in (
         repeated(registrar, int(seeds[0]), rng),
         repeated(registrar, int(seeds[1]), rng),
@@ -73,16 +71,15 @@ def group(registrar: Registrar, number: int) -> Iterator[Case]:
     ):
         cases = list(special)
         yield from cases
-        stranger = sources[int(rng.integers(WORLDS))]
+        stranger = streets[int(rng.integers(WORLDS))].sources
         yield from (Case('unrelated', s.view, cases[0].target, None) for s in stranger)
-    for i, strangers in enumerate(sources):
-        for k, others in enumerate(targets):
-            if i != k:
-                yield from (
-                    Case('unrelated, one kind of place', s.view, t.view, None)
-                    for s in strangers
-                    for t in others
-                )
+    for one, other in permutations(streets, 2):
+        yield from (
+            Case('unrelated, one kind of place', s.view, t.view, None)
+            for s in one.sources
+            for t in other.targets
+        )
+    yield from (street.still() for street in streets)
 
 
 class Street:
@@ -135,6 +132,10 @@ class Street:
         yield between('upside down', self._see(self._near[0], change=UPSIDE_DOWN), target)
         yield between('pitched by 90 degrees', self._see(self._near[0], change=PITCHED), target)
         yield twice(self._registrar, self._drive, self._middle)
+
+    def still(self) -> Case:
+        """A sensor that has not moved: its vehicle's tilt and heading alone differ."""
+        return between('static sensor', self._see(self._middle), self.targets[0])
 
 
 def twice(registrar: Registrar, drive: Sequence, index: int) -> Case:

@@ -9,6 +9,7 @@ stopped and several processes can share the groups; the table is of all files in
 from __future__ import annotations
 
 import argparse
+import datetime
 import json
 import platform
 import time
@@ -29,7 +30,7 @@ from gcl_core.progress import progress
 from gcl_core.registrar import Registrar, RegistrarConfig
 
 ALL_TURNS_EVERY = 12  # groups: one at all headings, the others at few
-PAIRS = 398  # of a group
+PAIRS = 404  # of a group
 
 
 def judge(registrar: Registrar, case: Case) -> Row:
@@ -83,7 +84,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog='false_accepts', description=__doc__)
     parser.add_argument('--weights', default=RegistrarConfig().weights, help='name or file')
     parser.add_argument('--chunks', type=Path, default=Path('build/trust'), help='a file a group')
-    parser.add_argument('--pairs', type=int, default=10_000, help='at least; in groups of 398')
+    parser.add_argument('--pairs', type=int, default=10_000, help='at least, in whole groups')
     parser.add_argument('--first', type=int, default=0, help='first group')
     parser.add_argument('--last', type=int, help='group after the last; for shards')
     parser.add_argument('--seconds', type=float, default=float('inf'), help='start none after it')
@@ -116,6 +117,7 @@ def run(o: argparse.Namespace) -> None:
             },
             'machine': platform.processor() or platform.machine(),
             'threads': torch.get_num_threads(),
+            'date': datetime.date.today().isoformat(),
             'by_kind': by_kind(rows),
             'true_by_distance': by_distance(rows),
         }

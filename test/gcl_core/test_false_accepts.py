@@ -93,7 +93,17 @@ def test_barren_and_mirrored_pairs_are_refused(registrar, drive):
 def test_one_cloud_twice_is_the_identity(registrar, drive):
     judged = false_accepts.judge(registrar, adversaries.twice(registrar, drive, 90))
     assert judged.right
+    assert judged.accepted
     assert judged.distance == 0.0
+
+
+def test_a_sensor_that_has_not_moved_is_found_where_it_stands(registrar, drive):
+    """Two looks from one place: other tilt, heading and noise."""
+    looks = [see(registrar, drive, 90, np.random.default_rng(seed)) for seed in (0, 1)]
+    judged = false_accepts.judge(registrar, adversaries.between('static sensor', *looks))
+    assert judged.accepted
+    assert judged.right
+    assert judged.distance < 1e-6
 
 
 def test_a_turned_cloud_keeps_its_place(registrar, drive):
