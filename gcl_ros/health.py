@@ -12,6 +12,7 @@ from gcl_core.types import Registration
 from gcl_ros.pairing import Counts, Side
 
 OK, WARN, ERROR = range(3)  # as bytes in diagnostic_msgs/DiagnosticStatus
+HANGS = 5  # clouds on end with the same bytes: two sweeps of a LiDAR never have them
 ANOTHER_CLOCK = 3600.0  # seconds: no worker is so late, the stamps are not of the node's clock
 
 
@@ -40,11 +41,13 @@ class Stream:
         count: clouds received.
         heard: when the last came in, monotonic seconds.
         frame: of the last.
+        repeats: how often the last has come on end, with other stamps.
     """
 
     count: int = 0
     heard: float | None = None
     frame: str = ''
+    repeats: int = 0
 
 
 @dataclass(frozen=True)
@@ -91,11 +94,12 @@ class Health:
     began: float = 0.0
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
-    def heard(self, side: Side, frame: str, now: float) -> None:
-        """Note a cloud."""
+    def heard(self, side: Side, frame: str, now: float, *, again: bool = False) -> None:
+        """Note a cloud; `again` if it is the one before with another stamp."""
         with self._lock:
             stream = self.streams[side]
             stream.count, stream.heard, stream.frame = stream.count + 1, now, frame
+            stream.repeats = stream.repeats + 1 if again else 0
 
     def done(self, outcome: Outcome) -> None:
         """Note a pair that was worked on."""
@@ -116,15 +120,15 @@ class Health:
         """Level and message of the diagnostics while the node is active.
 
         ERROR: the last pair could not be worked on. WARN: a topic is silent; the stamps of the
-        topics are too far apart to pair; both are in one frame; the last transform was withheld,
-        or came late.
+        topics are too far apart to pair; a topic repeats one cloud; both are in one frame; the
+        last transform was withheld, or came late.
         """
         with self._lock:
             if self.fault:
                 return ERROR, f'last pair left out: {self.fault}'
             silent = [self._silence(side, now) for side in self.streams]
             warnings = [
-                f'{self.source if side == "source" else side}/points silent for {seconds:.1f} s'
+                f'{self._topic(side)} silent for {seconds:.1f} s'
                 for side, seconds in zip(self.streams, silent, strict=True)
                 if seconds > limits.silence
             ]
@@ -133,6 +137,12 @@ class Health:
                     f'stamps {offset:+.3f} s apart (source minus target), {limits.max_pair_dt:g} '
                     'allowed: are the clocks synchronised?'
                 )
+            warnings += [
+                f'{self._topic(side)} sends one cloud again and again with new stamps: does its '
+                'driver hang?'
+                for side, stream in self.streams.items()
+                if stream.repeats >= HANGS
+            ]
             frames = {stream.frame for stream in self.streams.values()}
             if len(frames) == 1 and '' not in frames:
                 warnings.append(
@@ -151,6 +161,9 @@ class Health:
                 return WARN, '; '.join(warnings)
             return OK, 'registering' if self.last else 'waiting for the first pair'
 
+    def _topic(self, side: Side) -> str:
+        return f'{self.source if side == "source" else side}/points'
+
     def _silence(self, side: Side, now: float) -> float:
         heard = self.streams[side].heard
         return now - (self.began if heard is None else heard)
@@ -163,6 +176,7 @@ class Health:
                 rows[f'{side} clouds'] = stream.count
                 rows[f'{side} frame'] = stream.frame
                 rows[f'{side} silent s'] = f'{self._silence(side, now):.2f}'
+                rows[f'{side} repeats'] = stream.repeats
             rows |= {
                 'pairs': counts.pairs,
                 'accepted': self.accepted,

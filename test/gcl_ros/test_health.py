@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gcl_core.types import Registration
-from gcl_ros.health import OK, WARN, Health, Limits, Outcome
+from gcl_ros.health import HANGS, OK, WARN, Health, Limits, Outcome
 
 LIMITS = Limits(silence=2.0, max_age=5.0, max_pair_dt=0.1)
 
@@ -21,6 +21,18 @@ def test_two_vehicles_in_one_frame_are_a_warning():
     assert level == WARN
     assert "both clouds are in frame 'velodyne'" in message
     assert heard().judge(0.0, LIMITS, 0.0)[0] == OK
+
+
+def test_a_topic_that_repeats_one_cloud_is_a_warning():
+    health = heard()
+    for number in range(HANGS):
+        assert health.judge(0.0, LIMITS, 0.0)[0] == OK, number
+        health.heard('target', 'a/lidar', now=0.0, again=True)
+    level, message = health.judge(0.0, LIMITS, 0.0)
+    assert level == WARN
+    assert message.startswith('target/points sends one cloud again and again')
+    health.heard('target', 'a/lidar', now=0.0)
+    assert health.judge(0.0, LIMITS, 0.0)[0] == OK
 
 
 @pytest.mark.parametrize(

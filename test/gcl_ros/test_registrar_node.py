@@ -93,6 +93,21 @@ def test_what_is_withheld_is_not_published_and_said(rig, meeting):
     assert node.state == 'active'
 
 
+def test_a_driver_that_hangs_is_told_of(rig, meeting):
+    """One cloud with ever new stamps; the other vehicle's changes a little each time."""
+    rig.add(RegistrarNode, **FAST, on_demand=True)
+    rig.publish_clouds()
+    drifting = meeting[1].copy()
+
+    def send():
+        drifting[-1] += 0.01
+        rig.send(source=meeting[0], target=drifting)
+
+    told = 'source/points sends one cloud again and again'
+    assert rig.until(lambda: rig.says(told), every=send, pause=0.2)
+    assert not rig.says('target/points sends')
+
+
 def test_publishers_come_late_die_and_return(rig, meeting):
     rig.add(RegistrarNode, **FAST, silence=0.5)
     assert rig.until(lambda: rig.says('source/points silent'))
