@@ -77,7 +77,7 @@ def adapted(config: BenchmarkConfig, options: argparse.Namespace) -> BenchmarkCo
     """Leave out peers that are not wanted or not installed; take fewer pairs if told."""
     without = set(options.without)
     if find_spec('kiss_matcher') is None:
-        print("kiss_matcher left out: pip install 'gcl_ros[kiss]'", file=sys.stderr)
+        print('kiss_matcher left out: pip install kiss-matcher', file=sys.stderr)
         without.add('kiss_matcher')
     methods = tuple(m for m in config.methods if not (isinstance(m, Peer) and m.name in without))
     fewer = options.per_bin

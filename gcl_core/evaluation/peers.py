@@ -105,7 +105,7 @@ def _kiss_matcher() -> Method:
         import kiss_matcher as kiss
     except ImportError:
         raise GclError(
-            "peer kiss_matcher needs its package: pip install 'gcl_ros[kiss]', or leave it out"
+            'peer kiss_matcher needs its package: pip install kiss-matcher, or leave it out'
         ) from None
 
     def register(source: PointCloud, target: PointCloud) -> Float[np.ndarray, '4 4'] | None:

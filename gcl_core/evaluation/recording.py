@@ -37,7 +37,7 @@ def record(
     try:
         import rerun
     except ImportError:
-        raise GclError("a recording needs Rerun's package: pip install 'gcl_ros[rerun]'") from None
+        raise GclError("a recording needs Rerun's package: pip install rerun-sdk") from None
     stream = rerun.RecordingStream('gcl')
     try:
         stream.save(path)

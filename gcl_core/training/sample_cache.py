@@ -6,6 +6,7 @@ import hashlib
 import json
 import os
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ import torch
 from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
 
+from gcl_core.files import whole_file
 from gcl_core.training.sample import Sample
 from gcl_core.types import SparseTensor
 
@@ -46,7 +48,10 @@ class SampleCache:
         return sample
 
     def _make_room(self) -> None:
-        files = [(f.stat(), f) for f in self.folder.glob('*.safetensors')]
+        files = []
+        for file in self.folder.glob('[!.]*.safetensors'):
+            with suppress(FileNotFoundError):  # another worker made room
+                files.append((file.stat(), file))
         total = sum(status.st_size for status, _ in files)
         for status, file in sorted(files, key=lambda entry: entry[0].st_mtime):
             if total <= self.limit_gb * 1e9:
@@ -71,9 +76,8 @@ def _write(path: Path, sample: Voxels) -> None:
         'splits': torch.tensor(voxels.splits),
         'T_centre_scan': torch.from_numpy(sample.T_centre_scan),
     }
-    temporary = path.with_suffix(f'.{os.getpid()}')
-    save_file(tensors, temporary)
-    temporary.replace(path)
+    with whole_file(path) as part:
+        save_file(tensors, part)
 
 
 def _read(path: Path) -> Voxels:

@@ -47,7 +47,7 @@ def test_register_records_or_names_the_package(pair, tmp_path, capsys):
     code = main(['register', *arguments])
     if find_spec('rerun') is None:
         assert code == 2
-        assert "pip install 'gcl_ros[rerun]'" in capsys.readouterr().err
+        assert 'pip install rerun-sdk' in capsys.readouterr().err
         return
     assert code == 0
     assert (tmp_path / 'a.rrd').stat().st_size > 1_000_000
