@@ -43,7 +43,7 @@ class RegistrarConfig:
     """What happens between two scans and a transform.
 
     Attributes:
-        weights: a shipped name or a file.
+        weights: `gcl_conv`, `gcl_kpconv` (more right matches, slower), or a file.
         precision: of the network: `bfloat16`, `float32`, or `auto`: bfloat16 where the processor
             multiplies it natively.
         turns: headings at which the source is described. The shipped weights bear about 16

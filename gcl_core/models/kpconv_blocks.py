@@ -23,9 +23,10 @@ def leaky(x: Float[torch.Tensor, 'n c']) -> Float[torch.Tensor, 'n c']:
 class _Normed(nn.Module):
     """A product with a batch norm behind it; in inference one product, the norm folded in."""
 
-    def __init__(self, out_channels: int) -> None:
+    norm: nn.BatchNorm1d
+
+    def __init__(self) -> None:
         super().__init__()
-        self.norm = nn.BatchNorm1d(out_channels, momentum=BN_MOMENTUM)
         self._folded: dict[torch.dtype, tuple[torch.Tensor, torch.Tensor]] = {}
 
     def train(self, mode: bool = True) -> _Normed:
@@ -49,8 +50,9 @@ class Unary(_Normed):
     """Linear layer point by point, batch norm."""
 
     def __init__(self, in_channels: int, out_channels: int) -> None:
-        super().__init__(out_channels)
+        super().__init__()
         self.linear = nn.Linear(in_channels, out_channels, bias=False)
+        self.norm = nn.BatchNorm1d(out_channels, momentum=BN_MOMENTUM)
 
     def forward(self, x: Float[torch.Tensor, 'n c_in']) -> Float[torch.Tensor, 'n c_out']:
         """Compute in the dtype of `x`."""
@@ -65,8 +67,9 @@ class ConvNorm(_Normed):
     """KPConv, batch norm, leaky ReLU: the paper's "simple" block."""
 
     def __init__(self, in_channels: int, out_channels: int, kernel: int) -> None:
-        super().__init__(out_channels)
+        super().__init__()
         self.conv = KPConv(in_channels, out_channels, kernel)
+        self.norm = nn.BatchNorm1d(out_channels, momentum=BN_MOMENTUM)
 
     def forward(
         self, x: Float[torch.Tensor, 'n c_in'], felt: Influences

@@ -115,11 +115,21 @@ def test_missing_and_foreign_weights_are_named(tmp_path):
         zoo.load_weights(str(broken))
 
 
-def test_shipped_weights_have_a_record():
-    model = zoo.load_weights()
-    card = json.loads((zoo.FOLDER / f'{zoo.DEFAULT}.json').read_text())
+SHIPPED = sorted(path.stem for path in zoo.FOLDER.glob('*.safetensors'))
+
+
+def test_both_backbones_are_shipped_within_40_mb():
+    assert zoo.DEFAULT in SHIPPED
+    assert {zoo.load_weights(name).config.backbone for name in SHIPPED} == {'conv', 'kpconv'}
+    assert sum(path.stat().st_size for path in zoo.FOLDER.iterdir()) < 40e6
+
+
+@pytest.mark.parametrize('name', SHIPPED)
+def test_shipped_weights_have_a_record(name):
+    model = zoo.load_weights(name)
+    card = json.loads((zoo.FOLDER / f'{name}.json').read_text())
     assert card['network']['voxel_size'] == model.config.voxel_size
-    assert {'sha256', 'recipe', 'steps', 'data'} <= set(card)
+    assert {'sha256', 'recipe', 'steps', 'data', 'minutes', 'held_out'} <= set(card)
 
 
 def test_a_network_without_a_backbone_is_conv(tmp_path, monkeypatch):

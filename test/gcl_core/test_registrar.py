@@ -17,14 +17,17 @@ from gcl_core.stopwatch import Stopwatch
 from gcl_core.types import PointCloud
 
 
-@pytest.fixture(scope='module')
-def registrar() -> Registrar:
-    return Registrar()
+WEIGHTS = ('gcl_conv', 'gcl_kpconv')
 
 
-@pytest.fixture(scope='module')
-def same_heading() -> Registrar:
-    return Registrar(RegistrarConfig(turns=1))
+@pytest.fixture(scope='module', params=WEIGHTS)
+def registrar(request) -> Registrar:
+    return Registrar(RegistrarConfig(weights=request.param))
+
+
+@pytest.fixture(scope='module', params=WEIGHTS)
+def same_heading(request) -> Registrar:
+    return Registrar(RegistrarConfig(weights=request.param, turns=1))
 
 
 @pytest.mark.parametrize('yaw', [0.0, 1.0, np.pi])
