@@ -16,7 +16,6 @@ from gcl_core.registrar import Registrar, RegistrarConfig
 from gcl_core.stopwatch import Stopwatch
 from gcl_core.types import PointCloud
 
-
 WEIGHTS = ('gcl_conv', 'gcl_kpconv')
 
 
