@@ -118,9 +118,10 @@ def test_unrelated_streets_are_refused(registrar, drive):
 def test_a_second_look_describes_only_what_the_first_did_not(registrar, drive, monkeypatch):
     """And comes to what one look at all headings comes to, to the bit."""
     pair = {'source': SimulatedSequence(8).scan(60), 'target': drive.scan(90)}
-    described, describe = [], registrar.model.describe
+    model, described = registrar.model, []
+    describe = model.describe_prepared
     monkeypatch.setattr(
-        registrar.model, 'describe', lambda clouds: described.append(1) or describe(clouds)
+        model, 'describe_prepared', lambda inputs: described.append(1) or describe(inputs)
     )
     twice = registrar.register(**pair)
     assert len(described) == 1 + registrar.config.turns
@@ -129,10 +130,10 @@ def test_a_second_look_describes_only_what_the_first_did_not(registrar, drive, m
         'target': registrar.view(pair['target']),
     }
     once = registrar.register_views(**views)
-    assert np.array_equal(twice.T_target_source, once.T_target_source)
-    assert replace(twice, T_target_source=None, ms={}) == replace(
-        once, T_target_source=None, ms={}
-    )
+    for name in ('T_target_source', 'covariance'):
+        np.testing.assert_array_equal(getattr(twice, name), getattr(once, name))
+    rest = {'T_target_source': None, 'covariance': None, 'ms': {}}
+    assert replace(twice, **rest) == replace(once, **rest)
 
 
 def test_scan_out_of_range_is_named(same_heading, drive):
