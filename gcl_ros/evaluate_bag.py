@@ -28,7 +28,7 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument('bag', type=Path, help='as `gcl bag` writes it')
     made.add_argument('--out', type=Path, required=True, help='for tables, pairs, logs')
     made.add_argument(
-        '--peers', nargs='*', default=['fpfh'], choices=PEERS, help='also run; default: fpfh'
+        '--peers', nargs='*', default=[], choices=PEERS, help='also run; takes longer'
     )
     add_json(made)
     node = made.add_argument_group('through the node')

@@ -32,7 +32,7 @@ def bag(meeting, tmp_path_factory):
 
 def test_offline_writes_tables_pairs_and_trajectories(bag, tmp_path, monkeypatch, capsys, meeting):
     (tmp_path / 'fast.yaml').write_text('turns: 1\n')
-    arguments = [str(bag), '--out', str(tmp_path / 'o'), '--offline', '--peers']
+    arguments = [str(bag), '--out', str(tmp_path / 'o'), '--offline']
     fast = ['--config', str(tmp_path / 'fast.yaml'), '--keypoints', '2000']
     monkeypatch.setattr(sys, 'argv', ['evaluate_bag', *arguments, *fast])
     evaluate_bag.main()
