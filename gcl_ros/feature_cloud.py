@@ -71,8 +71,7 @@ def describe(model: Backbone[Any, Any], cloud: PointCloud, turns: int) -> Descri
     """Describe a scan at evenly spaced headings, the first along its street."""
     first = se3.yaw(model.facing(cloud))
     yaws = [first + 2 * np.pi * k / turns for k in range(turns)]
-    turned = [PointCloud(se3.transform(se3.from_xyz_rpy(yaw=y), cloud.points)) for y in yaws]
-    return Described([model.describe([scan])[0] for scan in turned], yaws)
+    return Described(model.describe_turned(cloud, yaws), yaws)
 
 
 def fill_feature_cloud(
