@@ -9,7 +9,7 @@ from __future__ import annotations
 import argparse
 import json
 import shutil
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -69,11 +69,9 @@ class AblationConfig:
 
 def recipe(config: AblationConfig, run: RunConfig, base: Path, first: int) -> TrainConfig:
     """Recipe of one run, which goes on from step `first`."""
-    path = base / config.recipe
-    found = load_config(TrainConfig, path, (*config.set, *run.set))
+    found = load_config(TrainConfig, base / config.recipe, (*config.set, *run.set))
     scans = found.batch * (1 + (1 if found.samples.pair_stages else found.samples.phi))
-    steps = first + config.scans // scans
-    return load_config(TrainConfig, path, (*config.set, *run.set, f'steps={steps}'))
+    return replace(found, steps=first + config.scans // scans)
 
 
 def train(config: AblationConfig, run: RunConfig, base: Path, out: Path) -> dict[str, Any]:
