@@ -6,25 +6,20 @@ import torch
 from jaxtyping import Float
 from torch import nn
 
+from gcl_core.models.folding import Folding
 from gcl_core.ops.kernel_map import KernelMap
 from gcl_core.ops.sparse_conv import FoldedConv, SparseConv
 
 BN_MOMENTUM = 0.05  # of the public code, for both FCGF and GCL+Conv
 
 
-class ConvNorm(nn.Module):
+class ConvNorm(Folding[FoldedConv]):
     """Sparse convolution, batch norm, an optional residual, ReLU."""
 
     def __init__(self, in_channels: int, out_channels: int, kernel: int = 3) -> None:
         super().__init__()
         self.conv = SparseConv(in_channels, out_channels, kernel)
         self.norm = nn.BatchNorm1d(out_channels, momentum=BN_MOMENTUM)
-        self._folded: dict[torch.dtype, FoldedConv] = {}
-
-    def train(self, mode: bool = True) -> ConvNorm:
-        """Switch mode; what was folded for inference is forgotten, the weights may change."""
-        self._folded.clear()
-        return super().train(mode)
 
     def forward(
         self,
@@ -33,10 +28,9 @@ class ConvNorm(nn.Module):
         residual: Float[torch.Tensor, 'n_out c_out'] | None = None,
     ) -> Float[torch.Tensor, 'n_out c_out']:
         """Convolve over `kmap`, normalise, add the residual, ReLU."""
-        if not self.training and not torch.is_grad_enabled():
-            if x.dtype not in self._folded:
-                self._folded[x.dtype] = FoldedConv.fold(self.conv, self.norm, x)
-            return self._folded[x.dtype](x, kmap, residual)
+        folded = self.folded(x.dtype, lambda: FoldedConv.fold(self.conv, self.norm, x))
+        if folded is not None:
+            return folded(x, kmap, residual)
         out = self.norm(self.conv(x, kmap))
         return torch.relu(out if residual is None else out + residual)
 

@@ -6,6 +6,7 @@ import torch
 from jaxtyping import Float, Int32
 from torch import nn
 
+from gcl_core.models.folding import Folding
 from gcl_core.ops.kpconv import Influences, KPConv, convolve
 from gcl_core.ops.neighbor_max import neighbor_max
 from gcl_core.ops.sparse_conv import scale_and_shift
@@ -13,6 +14,7 @@ from gcl_core.ops.sparse_conv import scale_and_shift
 BN_MOMENTUM = 0.02  # of the public code
 SLOPE = 0.1  # of the leaky ReLU; paper, figure "Network structures for GCL"
 BOTTLENECK = 4  # a residual block convolves a quarter of its channels
+Folded = tuple[torch.Tensor, torch.Tensor]  # weight (..., c_out) and bias (c_out)
 
 
 def leaky(x: Float[torch.Tensor, 'n c']) -> Float[torch.Tensor, 'n c']:
@@ -20,33 +22,15 @@ def leaky(x: Float[torch.Tensor, 'n c']) -> Float[torch.Tensor, 'n c']:
     return nn.functional.leaky_relu(x, SLOPE)
 
 
-class _Normed(nn.Module):
-    """A product with a batch norm behind it; in inference one product, the norm folded in."""
-
-    norm: nn.BatchNorm1d
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._folded: dict[torch.dtype, tuple[torch.Tensor, torch.Tensor]] = {}
-
-    def train(self, mode: bool = True) -> _Normed:
-        """Switch mode; what was folded for inference is forgotten, the weights may change."""
-        self._folded.clear()
-        return super().train(mode)
-
-    def folded(
-        self, weight: Float[torch.Tensor, '... c_out'], dtype: torch.dtype
-    ) -> tuple[Float[torch.Tensor, '... c_out'], Float[torch.Tensor, ' c_out']] | None:
-        """Weight and bias of the one product; none while gradients are wanted."""
-        if self.training or torch.is_grad_enabled():
-            return None
-        if dtype not in self._folded:
-            scale, bias = scale_and_shift(self.norm)
-            self._folded[dtype] = (weight.detach() * scale).to(dtype), bias.to(dtype)
-        return self._folded[dtype]
+def fold(
+    weight: Float[torch.Tensor, '... c_out'], norm: nn.BatchNorm1d, dtype: torch.dtype
+) -> Folded:
+    """Weight and bias of the one product that a product with a norm behind it is."""
+    scale, bias = scale_and_shift(norm)
+    return (weight.detach() * scale).to(dtype), bias.to(dtype)
 
 
-class Unary(_Normed):
+class Unary(Folding[Folded]):
     """Linear layer point by point, batch norm."""
 
     def __init__(self, in_channels: int, out_channels: int) -> None:
@@ -57,13 +41,13 @@ class Unary(_Normed):
     def forward(self, x: Float[torch.Tensor, 'n c_in']) -> Float[torch.Tensor, 'n c_out']:
         """Compute in the dtype of `x`."""
         weight = self.linear.weight.t()
-        if folded := self.folded(weight, x.dtype):
+        if folded := self.folded(x.dtype, lambda: fold(weight, self.norm, x.dtype)):
             return torch.addmm(folded[1], x, folded[0])
         out: torch.Tensor = self.norm(x @ weight.to(x.dtype))
         return out
 
 
-class ConvNorm(_Normed):
+class ConvNorm(Folding[Folded]):
     """KPConv, batch norm, leaky ReLU: the paper's "simple" block."""
 
     def __init__(self, in_channels: int, out_channels: int, kernel: int) -> None:
@@ -75,7 +59,7 @@ class ConvNorm(_Normed):
         self, x: Float[torch.Tensor, 'n c_in'], felt: Influences
     ) -> Float[torch.Tensor, 'm c_out']:
         """Convolve from the points of `x` to the outputs of `felt`."""
-        if folded := self.folded(self.conv.weight, x.dtype):
+        if folded := self.folded(x.dtype, lambda: fold(self.conv.weight, self.norm, x.dtype)):
             return leaky(convolve(x, folded[0], felt) + folded[1])
         return leaky(self.norm(self.conv(x, felt)))
 
