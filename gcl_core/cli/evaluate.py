@@ -57,7 +57,8 @@ def _evaluate(
 
 def _text(run: Run, results: Results) -> str:
     turned = 'at random' if run.config.random_yaw else 'not'
-    labels = [f'{drawn.pairs.label}, source turned {turned}' for drawn in run.drawn]
+    straight = ', scans de-skewed' if run.config.source.deskew else ''
+    labels = [f'{drawn.pairs.label}, source turned {turned}{straight}' for drawn in run.drawn]
     return '\n'.join(labels + ['\n\n'.join(table.markdown() for table in results.tables[:2])])
 
 
@@ -87,12 +88,16 @@ def benchmark(options: argparse.Namespace) -> BenchmarkConfig:
 def _source(options: argparse.Namespace, source: SourceConfig) -> SourceConfig:
     if options.simulated is not None and options.sequence:
         raise GclError(f'--sequence {options.sequence[0]} is of --data; --simulated has but one')
+    if options.simulated is not None and options.deskew:
+        raise GclError('--deskew is of --data; simulated scans need none')
     if options.simulated is not None:
         return replace(source, data='', sequences=(), simulated=(options.simulated,))
     if options.data:
         source = replace(source, data=str(options.data), simulated=())
     if options.sequence:
         source = replace(source, sequences=tuple(options.sequence))
+    if options.deskew:
+        source = replace(source, deskew=options.deskew)
     return replace(source, layout=options.format or source.layout)
 
 

@@ -73,6 +73,23 @@ class KittiSequence:
         """Pose of the LiDAR; the first scan of the drive is near the identity."""
         return self._poses[index]
 
+    def times(self) -> Float[np.ndarray, 'n']:
+        """Seconds of each scan, from `times.txt`.
+
+        Raises:
+            GclError: missing, or not one number for each scan.
+        """
+        path = self._folder.with_name('times.txt')
+        try:
+            times = np.array(path.read_text(errors='replace').split(), dtype=float)
+        except OSError:
+            raise GclError(f'no file {path}; it belongs to the KITTI odometry download') from None
+        except ValueError as error:
+            raise GclError(f'{path}: {error}') from None
+        if len(times) != len(self) or not np.isfinite(times).all():
+            raise GclError(f'{path}: expected {len(self)} finite numbers, one for each scan')
+        return times
+
 
 def lidar_poses(poses: Path, calibration: Path) -> Float[np.ndarray, 'n 4 4']:
     """Read camera poses and turn them into the LiDAR's: `inv(Tr) T_world_camera Tr`."""

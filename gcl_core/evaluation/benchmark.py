@@ -26,6 +26,8 @@ class SourceConfig:
             both. None: one vehicle.
         sensors: of the simulated vehicles (HDL-64E if empty); of recorded scans one name, for the
             table by sensor pair.
+        deskew: seconds of a sweep, such as 0.1: recorded scans are straightened by the drive's own
+            speed, see `gcl_core.data.deskewed`; 0 takes them as they are.
         each: report each sequence by itself, not all in one.
     """
 
@@ -35,6 +37,7 @@ class SourceConfig:
     simulated: tuple[int, ...] = ()
     meet: Manoeuvre | None = None
     sensors: tuple[str, ...] = ()
+    deskew: float = 0.0
     each: bool = False
 
 

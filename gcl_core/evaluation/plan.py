@@ -11,8 +11,10 @@ from pathlib import Path
 import numpy as np
 
 from gcl_core.data import pair_sets
+from gcl_core.data.deskewed import DeskewedSequence
 from gcl_core.data.formats import open_sequences, sequence_names
 from gcl_core.data.joined import JoinedSequence
+from gcl_core.data.kitti import KittiSequence
 from gcl_core.data.pair_list import PairList, read_pair_list
 from gcl_core.data.pairs import Pair
 from gcl_core.data.sequence import Sequence
@@ -72,7 +74,18 @@ def open_source(config: BenchmarkConfig) -> dict[str, Sequence]:
     if names == ['*']:
         names = sequence_names(path, layout=layout)
     opened = open_sequences(path, names or listed or None, layout=layout)
-    return {_as_listed(name, listed): sequence for name, sequence in opened.items()}
+    return {
+        _as_listed(name, listed): _deskewed(sequence, source.deskew) if source.deskew else sequence
+        for name, sequence in opened.items()
+    }
+
+
+def _deskewed(sequence: Sequence, sweep: float) -> Sequence:
+    if not isinstance(sequence, KittiSequence):
+        raise GclError(
+            f'{sequence.name} cannot be de-skewed: that takes times.txt of the KITTI layout'
+        )
+    return DeskewedSequence(sequence, sequence.times(), sweep=sweep)
 
 
 def _as_listed(name: str, listed: list[str]) -> str:

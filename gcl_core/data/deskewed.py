@@ -1,0 +1,67 @@
+"""A recorded drive whose scans still carry the vehicle's own motion, straightened by its poses.
+
+At 10 m/s a sweep of 0.1 s is bent by 1 m. KITTI odometry and nuScenes are straightened already;
+KITTI's raw drives are not.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+
+from gcl_core import se3
+from gcl_core.data.sequence import Sequence
+from gcl_core.errors import GclError
+from gcl_core.types import PointCloud
+
+LONGEST_GAP = 1.0  # seconds between scans that tell the speed
+
+
+class DeskewedSequence:
+    """Implements `gcl_core.data.sequence.Sequence`: each scan as if seen at once.
+
+    Speed and turn rate are those between the scans before and after. Points carry no times here:
+    the sensor turns evenly and looks ahead (+x) at the time of its pose, as Velodynes do in KITTI.
+
+    Args:
+        drive: what was recorded.
+        times: seconds of each of its scans.
+        sweep: seconds of a full turn; negative of a sensor that turns counter-clockwise, seen from
+            above.
+
+    Raises:
+        GclError: there is but one scan, or scans are too far apart in time to tell the speed.
+    """
+
+    def __init__(self, drive: Sequence, times: Float[np.ndarray, 'n'], *, sweep: float) -> None:
+        self.name = f'{drive.name}, de-skewed'
+        self._drive, self._times, self._sweep = drive, times, sweep
+        gaps = np.diff(times)
+        if not len(gaps) or gaps.min() <= 0 or gaps.max() > LONGEST_GAP:
+            told = f'{gaps.min():.3g} to {gaps.max():.3g} s apart' if len(gaps) else 'alone'
+            raise GclError(
+                f'{drive.name}: a scan is de-skewed by the speed between its neighbours, '
+                f'0 to {LONGEST_GAP:g} s apart; these scans are {told}'
+            )
+
+    def __len__(self) -> int:
+        return len(self._drive)
+
+    def scan(self, index: int) -> PointCloud:
+        """Read one scan; its points in the sensor's frame at the time of its pose."""
+        from scipy.spatial.transform import Rotation
+
+        points = self._drive.scan(index).points
+        before, after = max(index - 1, 0), min(index + 1, len(self) - 1)
+        moved = se3.inverse(self.T_world_lidar(before)) @ self.T_world_lidar(after)
+        share = -np.arctan2(points[:, 1], points[:, 0]) / (2 * np.pi)  # of a turn, clockwise
+        passed = (share * self._sweep / (self._times[after] - self._times[before]))[:, None]
+        bend = Rotation.from_matrix(moved[:3, :3]).as_rotvec()
+        ahead = Rotation.from_rotvec(-bend / 2).apply(moved[:3, 3])  # as the sensor looks half-way
+        shift = passed * Rotation.from_rotvec(passed * bend / 2).apply(ahead)
+        straight = Rotation.from_rotvec(passed * bend).apply(points) + shift
+        return PointCloud(straight.astype(points.dtype))
+
+    def T_world_lidar(self, index: int) -> Float[np.ndarray, '4 4']:
+        """Pose of the sensor at that scan."""
+        return self._drive.T_world_lidar(index)
