@@ -19,9 +19,11 @@ def reason_of(error: Exception) -> str:
 
 @contextmanager
 def bad_input_exits(program: str) -> Iterator[None]:
-    """Say what is wrong with the input, or with a file, and exit with 2."""
+    """Say what is wrong with the input, or with a file, and exit with 2; with 130 at Ctrl-C."""
     try:
         yield
     except (GclError, OSError) as error:  # a full disk may end anything that writes
         print(f'{program}: {error}', file=sys.stderr)
         sys.exit(2)
+    except KeyboardInterrupt:
+        sys.exit(130)

@@ -23,7 +23,10 @@ def whole_file(path: Path) -> Iterator[Path]:
     """
     part = path.with_name(f'.{os.getpid()}_{path.name}')  # keeps the suffix
     try:
+        part.touch()
+        mode = part.stat().st_mode
         yield part
+        part.chmod(mode)  # safetensors' would be readable by its owner alone
         part.replace(path)
     except (OSError, SafetensorError) as error:
         raise GclError(

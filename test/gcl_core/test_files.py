@@ -1,15 +1,18 @@
 """Commands that take long refuse at once to write where nothing can be written."""
 
+import stat
 import sys
 
+import numpy as np
 import pytest
+from safetensors.numpy import save_file
 
 from gcl_core.bench import backbones, engine, registration, results
 from gcl_core.data.simulator.sequence import SimulatedSequence
-from gcl_core.errors import GclError
+from gcl_core.errors import GclError, bad_input_exits
 from gcl_core.evaluation import calibrate, false_accepts
 from gcl_core.evaluation.figures import __main__ as figures
-from gcl_core.files import check_writable
+from gcl_core.files import check_writable, whole_file
 from gcl_core.registrar import Registrar
 
 LONG = {
@@ -44,3 +47,16 @@ def test_looking_makes_the_folder_and_leaves_nothing_in_it(tmp_path):
     assert [path.name for path in tmp_path.rglob('*')] == ['a']
     with pytest.raises(GclError, match='a: it is a folder'):
         check_writable(tmp_path / 'a')
+
+
+def test_whoever_may_read_a_new_file_may_read_weights(tmp_path):
+    (tmp_path / 'any').touch()
+    with whole_file(tmp_path / 'w.safetensors') as part:
+        save_file({'x': np.zeros(3)}, part)
+    modes = {stat.S_IMODE(path.stat().st_mode) for path in tmp_path.iterdir()}
+    assert len(modes) == 1
+
+
+def test_ctrl_c_ends_a_command_without_a_traceback():
+    with pytest.raises(SystemExit, match='130'), bad_input_exits('results'):
+        raise KeyboardInterrupt
