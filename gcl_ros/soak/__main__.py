@@ -50,6 +50,7 @@ def soak(folder: Path, seconds: float, seed: int, stop: threading.Event) -> dict
         seed: of the faults.
         stop: set where somebody wants an end.
     """
+    here = provenance()  # as it begins: an hour is long
     bag = folder / 'scenes'
     if not bag.exists():
         write_bag(bag, scenes())
@@ -80,7 +81,7 @@ def soak(folder: Path, seconds: float, seed: int, stop: threading.Event) -> dict
         'memory_change': memory_change(watch.memory),
         'problem': 'it was interrupted' if stop.is_set() else problem,
     }
-    return report | {'failures': failures(report, seconds), **provenance()}
+    return report | {'failures': failures(report, seconds), **here}
 
 
 def failures(report: dict[str, Any], seconds: float) -> list[str]:
