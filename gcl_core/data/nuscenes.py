@@ -182,7 +182,7 @@ def _pose(
         w, x, y, z = row['rotation']
         where = np.array(row['translation'], dtype=float).reshape(3)
         T = se3.from_rotation_translation(se3.from_quaternion(x, y, z, w), where)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise GclError(f'{tables}/{name}.json, row {token!r} is no pose: {error}') from None
     if not np.isfinite(T).all():
         raise GclError(f'{tables}/{name}.json, row {token!r} is no finite pose')

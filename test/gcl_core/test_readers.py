@@ -1,5 +1,6 @@
 """Every reader on a small tree in the real layout, with simulated scans."""
 
+import json
 import shutil
 
 import numpy as np
@@ -126,6 +127,24 @@ def test_nuscenes_forward_is_x(tmp_path, nuscenes):
 def test_broken_nuscenes_tables_are_named(nuscenes, table, content, message):
     path = nuscenes / 'v1.0-mini' / f'{table}.json'
     path.unlink() if content is None else path.write_text(content)
+    with pytest.raises(GclError, match=message):
+        read_logs(nuscenes)
+
+
+@pytest.mark.parametrize(
+    ('translation', 'message'),
+    [
+        ([10**400, 0, 0], "row 'e0' is no pose: int too large"),
+        ([0, 0], "row 'e0' is no pose"),
+        ([float('inf'), 0, 0], "row 'e0' is no finite pose"),
+    ],
+)
+def test_broken_nuscenes_poses_are_named(nuscenes, translation, message):
+    path = nuscenes / 'v1.0-mini/ego_pose.json'
+    rows = json.loads(path.read_text())
+    for row in rows:
+        row['translation'] = translation
+    path.write_text(json.dumps(rows))
     with pytest.raises(GclError, match=message):
         read_logs(nuscenes)
 
