@@ -144,7 +144,8 @@ def document(parts: list[str]) -> str:
         'pairs, s is the median of a pair, MB the growth of memory on the last pair of a bin. '
         'Pairs of one drive are correlated, so that the true uncertainty is larger than the '
         'intervals. What is marked as published was not measured here. '
-        '[The methods](evaluation.md#methods).\n\n' + '\n'.join(parts)
+        '[The methods](evaluation.md#methods); [what the rows say, and how good the truth is]'
+        '(measured.md#make-bench).\n\n' + '\n'.join(parts)
     )
 
 
