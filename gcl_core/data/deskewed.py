@@ -1,7 +1,7 @@
 """A recorded drive whose scans still carry the vehicle's own motion, straightened by its poses.
 
-At 10 m/s a sweep of 0.1 s is bent by 1 m. KITTI odometry's scans are straightened already, those of
-KITTI's raw drives are not (Dellenbach et al., "CT-ICP", ICRA 2022).
+At 10 m/s a sweep of 0.1 s is bent by 1 m. KITTI odometry's scans are straightened already, those
+of KITTI's raw drives are not (Dellenbach et al., "CT-ICP", ICRA 2022).
 """
 
 from __future__ import annotations
