@@ -4,6 +4,8 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+BAD_INPUT, INTERRUPTED = 2, 130  # exit codes; the second as shells count SIGINT
+
 
 class GclError(ValueError):
     """Bad input, named together with its remedy.
@@ -24,6 +26,6 @@ def bad_input_exits(program: str) -> Iterator[None]:
         yield
     except (GclError, OSError) as error:  # a full disk may end anything that writes
         print(f'{program}: {error}', file=sys.stderr)
-        sys.exit(2)
+        sys.exit(BAD_INPUT)
     except KeyboardInterrupt:
-        sys.exit(130)
+        sys.exit(INTERRUPTED)

@@ -6,10 +6,10 @@ import argparse
 import sys
 from pathlib import Path
 
-from gcl_core.cli.outcome import INTERRUPTED, run_command
+from gcl_core.cli.outcome import run_command
 from gcl_core.cli.parsers.form import form, parsed
 from gcl_core.cli.parsers.quantities import not_negative, positive
-from gcl_core.errors import GclError
+from gcl_core.errors import INTERRUPTED, GclError
 
 
 def parser() -> argparse.ArgumentParser:

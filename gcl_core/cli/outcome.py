@@ -9,9 +9,9 @@ from collections.abc import Callable
 from contextlib import redirect_stdout
 from dataclasses import dataclass
 
-from gcl_core.errors import GclError
+from gcl_core.errors import BAD_INPUT, INTERRUPTED, GclError
 
-BAD_INPUT, INTERRUPTED, NO_READER = 2, 130, 141  # the last two as shells count SIGINT and SIGPIPE
+NO_READER = 141  # as shells count SIGPIPE
 
 
 @dataclass(frozen=True)
