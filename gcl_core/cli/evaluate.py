@@ -88,10 +88,9 @@ def benchmark(options: argparse.Namespace) -> BenchmarkConfig:
 def _source(options: argparse.Namespace, source: SourceConfig) -> SourceConfig:
     if options.simulated is not None and options.sequence:
         raise GclError(f'--sequence {options.sequence[0]} is of --data; --simulated has but one')
-    if options.simulated is not None and options.deskew:
-        raise GclError('--deskew is of --data; simulated scans need none')
     if options.simulated is not None:
-        return replace(source, data='', sequences=(), simulated=(options.simulated,))
+        simulated, deskew = (options.simulated,), options.deskew
+        return replace(source, data='', sequences=(), simulated=simulated, deskew=deskew)
     if options.data:
         source = replace(source, data=str(options.data), simulated=())
     if options.sequence:

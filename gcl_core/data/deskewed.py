@@ -14,6 +14,7 @@ from gcl_core.data.sequence import Sequence
 from gcl_core.errors import GclError
 from gcl_core.types import PointCloud
 
+LONGEST_SWEEP = 1.0  # seconds; 0.05 to 0.2 are common
 LONGEST_GAP = 1.0  # seconds between scans that tell the speed
 
 
@@ -30,12 +31,17 @@ class DeskewedSequence:
             above.
 
     Raises:
-        GclError: there is but one scan, or scans are too far apart in time to tell the speed.
+        GclError: there is but one scan, scans are too far apart in time to tell the speed, or the
+            sweep is none of a LiDAR.
     """
 
     def __init__(self, drive: Sequence, times: Float[np.ndarray, 'n'], *, sweep: float) -> None:
         self.name = f'{drive.name}, de-skewed'
         self._drive, self._times, self._sweep = drive, times, sweep
+        if not 0 < abs(sweep) <= LONGEST_SWEEP:
+            raise GclError(
+                f'a sweep of {sweep:g} s; expected seconds up to {LONGEST_SWEEP:g}, such as 0.1'
+            )
         gaps = np.diff(times)
         if not len(gaps) or gaps.min() <= 0 or gaps.max() > LONGEST_GAP:
             told = f'{gaps.min():.3g} to {gaps.max():.3g} s apart' if len(gaps) else 'alone'

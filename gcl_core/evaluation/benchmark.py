@@ -40,6 +40,12 @@ class SourceConfig:
     deskew: float = 0.0
     each: bool = False
 
+    def __post_init__(self) -> None:
+        if self.simulated and self.deskew:
+            raise GclError(
+                'source.deskew or --deskew is of --data; simulated scans need none: leave it out'
+            )
+
 
 @dataclass(frozen=True)
 class PairsConfig:

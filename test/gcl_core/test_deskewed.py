@@ -91,6 +91,13 @@ def test_times_that_tell_no_speed_are_named(tmp_path, times, message):
         open_source(BenchmarkConfig(source=SourceConfig(data=str(tmp_path), deskew=0.1)))
 
 
+@pytest.mark.parametrize('sweep', [100.0, -1.5, float('nan'), float('inf')])
+def test_a_sweep_that_is_none_is_named(tmp_path, sweep):
+    write_kitti(tmp_path, '05', Drive(SWEEP), range(4), [i * STEP for i in range(4)])
+    with pytest.raises(GclError, match=f'a sweep of {sweep:g} s; expected seconds up to 1'):
+        open_source(BenchmarkConfig(source=SourceConfig(data=str(tmp_path), deskew=sweep)))
+
+
 def test_only_recorded_drives_in_kittis_layout(tmp_path, capsys):
     np.save(tmp_path / '0.npy', np.zeros((10, 3), np.float32))
     assert main(['evaluate', '--data', str(tmp_path), '--deskew', '0.1']) == 2
