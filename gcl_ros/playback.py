@@ -21,6 +21,7 @@ from gcl_ros.bag_reader import Bag, open_bag
 
 NAP = 0.2  # seconds: no longer asleep at a time
 SETTLE = 2.0  # seconds until a subscriber that we see has seen us too
+LINGER = 2.0  # seconds for a busy subscriber to take the last messages, which end with us
 DISCOVERY_LIMIT = 60.0  # seconds to wait for a subscriber: a network takes its time to load
 
 
@@ -103,6 +104,7 @@ def replay(path: Path, playback: Playback, node: Node) -> int:
                 break
     for publisher in clouds if playback.reliable else ():
         publisher.wait_for_all_acked(rclpy.duration.Duration(seconds=10))
+    _sleep(time.monotonic() + LINGER, node)  # nobody who subscribes best effort acknowledges
     return count
 
 

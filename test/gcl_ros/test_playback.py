@@ -1,6 +1,12 @@
 """Replay over real DDS: order, rate, start, loop, clock, reliability."""
 
+import os
+import signal
+import subprocess
+import sys
 import threading
+import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,6 +25,8 @@ from gcl_ros.bag import VERSION, Encounter, write_bag
 from gcl_ros.bag_reader import message_types
 from gcl_ros.conversions import seconds
 from gcl_ros.playback import Playback, replay
+
+ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope='module')
@@ -61,6 +69,50 @@ def test_all_messages_in_order_with_the_clock(rig, bag, reliable):
     assert player.stamps() == [1, 1, 2, 2, 3, 3, 4, 4]
     assert rig.until(lambda: len(player.truth) == 4)
     assert sorted({seconds(m.clock) for m in player.clock}) == [1, 2, 3, 4]
+
+
+SUBSCRIBER = """
+import rclpy
+from rclpy.qos import qos_profile_sensor_data
+from sensor_msgs.msg import PointCloud2
+
+rclpy.init()
+node = rclpy.create_node('subscriber')
+taken = lambda message: print(message.header.stamp.sec, flush=True)
+node.create_subscription(PointCloud2, '/source/points', taken, qos_profile_sensor_data)
+rclpy.spin(node)
+"""
+
+
+def test_a_subscriber_that_is_busy_at_the_end_gets_the_last_cloud(rig, tmp_path):
+    cloud = PointCloud(np.ones((120000, 3), np.float32))  # too big for a socket's buffer
+    write_bag(
+        tmp_path / 'bag', [Encounter(stamp, cloud, cloud, np.eye(4)) for stamp in (3.0, 5.0)]
+    )
+    environment = os.environ | {
+        'ROS_DOMAIN_ID': str(rig.domain),
+        'FASTDDS_DEFAULT_PROFILES_FILE': str(ROOT / 'config' / 'fastdds.xml'),
+    }
+    taken = tmp_path / 'taken'
+    heard = [rig.listen(PointCloud2, f'/{side}/points') for side in ('source', 'target')]
+    replayed = [sys.executable, '-m', 'gcl_ros.replay', str(tmp_path / 'bag')]
+    with taken.open('w') as file:
+        command = [sys.executable, '-c', SUBSCRIBER]
+        subscriber = subprocess.Popen(command, stdout=file, env=environment)
+    try:
+        assert rig.until(lambda: rig.node.count_subscribers('/source/points') == 2)
+        player = subprocess.Popen(replayed, env=environment)
+        assert rig.until(lambda: taken.read_text() == '3\n')
+        time.sleep(1.6)  # of two seconds
+        subscriber.send_signal(signal.SIGSTOP)  # as one whose cores are taken
+        assert rig.until(lambda: [len(clouds) for clouds in heard] == [2, 2])
+        time.sleep(0.4)
+        subscriber.send_signal(signal.SIGCONT)
+        assert rig.until(lambda: taken.read_text() == '3\n5\n')
+        assert player.wait(timeout=60) == 0
+    finally:
+        subscriber.kill()
+        subscriber.wait()
 
 
 def test_start_skips_and_rate_stretches(rig, bag):
