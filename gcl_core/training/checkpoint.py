@@ -14,7 +14,7 @@ from safetensors.torch import save_file
 from gcl_core.errors import GclError
 from gcl_core.files import whole_file
 
-FORMAT = 'gcl-checkpoint-1'
+FORMAT = 'gcl-checkpoint-2'
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class State:
 
     Attributes:
         model: the network.
-        optimizer: with its running moments.
+        optimizer: with its running moments, which a file keeps under their parameters' names.
         average: moving average of the network, if the recipe keeps one.
     """
 
@@ -39,8 +39,9 @@ def save(path: Path, state: State, step: int, config: dict[str, Any]) -> None:
         GclError: it cannot be written; the last one is still there.
     """
     tensors = {f'model.{name}': t.contiguous() for name, t in state.model.state_dict().items()}
-    for index, moments in state.optimizer.state_dict()['state'].items():
-        tensors.update({f'optimizer.{index}.{k}': t for k, t in moments.items() if t is not None})
+    for name, parameter in state.model.named_parameters():
+        moments = state.optimizer.state.get(parameter, {}).items()
+        tensors.update({f'optimizer.{name}.{key}': t for key, t in moments if t is not None})
     if state.average:
         averaged = state.average.state_dict()
         tensors.update({f'average.{name}': t.clone() for name, t in averaged.items()})
@@ -59,8 +60,7 @@ def load(path: Path, state: State) -> int:
     try:
         with safe_open(path, framework='pt') as file:
             metadata = file.metadata() or {}
-            written = metadata.get('format', FORMAT)  # the first ones did not say
-            if written != FORMAT:
+            if (written := metadata.get('format')) != FORMAT:
                 raise GclError(
                     f'{path} has format {written!r}, this version reads {FORMAT!r}; go on with '
                     'the version that wrote it, or remove it to start anew'
@@ -72,7 +72,7 @@ def load(path: Path, state: State) -> int:
         state.model.load_state_dict(parts['model'])
         if state.average:
             state.average.load_state_dict(parts['average'])
-        moments = _moments(parts['optimizer'], state.optimizer)
+        moments = _moments(parts['optimizer'], state)
         state.optimizer.load_state_dict({**state.optimizer.state_dict(), 'state': moments})
     except GclError:
         raise
@@ -83,15 +83,15 @@ def load(path: Path, state: State) -> int:
     return step
 
 
-def _moments(
-    tensors: dict[str, torch.Tensor], optimizer: torch.optim.Optimizer
-) -> dict[int, dict[str, torch.Tensor]]:
+def _moments(tensors: dict[str, torch.Tensor], state: State) -> dict[int, dict[str, torch.Tensor]]:
     """State of the optimiser by parameter; torch itself does not look at the shapes."""
-    parameters = [p for group in optimizer.param_groups for p in group['params']]
+    named = dict(state.model.named_parameters())
+    held = [p for group in state.optimizer.param_groups for p in group['params']]
+    place = {parameter: index for index, parameter in enumerate(held)}
     moments: dict[int, dict[str, torch.Tensor]] = {}
-    for name, tensor in tensors.items():
-        index, key = name.split('.', 1)
-        if tensor.dim() and tensor.shape != parameters[int(index)].shape:
-            raise ValueError(f'optimizer.{name} has shape {tuple(tensor.shape)}')
-        moments.setdefault(int(index), {})[key] = tensor
+    for path, tensor in tensors.items():
+        name, key = path.rsplit('.', 1)
+        if tensor.dim() and tensor.shape != named[name].shape:
+            raise ValueError(f'optimizer.{path} has shape {tuple(tensor.shape)}')
+        moments.setdefault(place[named[name]], {})[key] = tensor
     return moments

@@ -23,7 +23,7 @@ TINY = ResUNetConfig(encoder=(2, 2, 2, 2), decoder=(2, 2, 2), head=2, descriptor
 def state() -> checkpoint.State:
     model = zoo.build(TINY)
     optimizer = torch.optim.SGD(model.parameters(), lr=0.1, momentum=0.8)
-    sum(p.sum() for p in model.parameters()).backward()
+    sum(p.square().sum() for p in model.parameters()).backward()
     optimizer.step()
     return checkpoint.State(model, optimizer, None)
 
@@ -80,14 +80,28 @@ def test_a_network_larger_than_its_weights_takes_no_memory(weights):
         zoo.load_weights(str(weights))
 
 
-def test_checkpoints_say_their_format_and_the_first_did_not(tmp_path):
+@pytest.mark.parametrize(('written', 'named'), [('gcl-checkpoint-1',) * 2, (None, '')])
+def test_checkpoints_of_another_format_name_both(tmp_path, written, named):
     path = tmp_path / 'c.safetensors'
     checkpoint.save(path, state(), 7, {})
-    rewritten(path, no_change, format='gcl-checkpoint-2')
-    with pytest.raises(GclError, match="'gcl-checkpoint-2', this version reads 'gcl-checkpoint-1"):
+    rewritten(path, no_change, format=written)
+    with pytest.raises(GclError, match=f"{named}.* this version reads 'gcl-checkpoint-2"):
         checkpoint.load(path, state())
-    rewritten(path, no_change, format=None)
-    assert checkpoint.load(path, state()) == 7
+
+
+def test_moments_follow_their_parameters_not_their_order(tmp_path):
+    """A network whose layers were since defined in another order goes on as it was."""
+    path, written = tmp_path / 'c.safetensors', state()
+    checkpoint.save(path, written, 7, {})
+    read = state()
+    read.optimizer.param_groups[0]['params'].reverse()
+    read.optimizer.state.clear()
+    assert checkpoint.load(path, read) == 7
+    for (name, own), theirs in zip(
+        read.model.named_parameters(), written.model.parameters(), strict=True
+    ):
+        found = read.optimizer.state[own]['momentum_buffer']
+        assert torch.equal(found, written.optimizer.state[theirs]['momentum_buffer']), name
 
 
 def reshape(tensors) -> None:
@@ -97,7 +111,7 @@ def reshape(tensors) -> None:
 
 def rename(tensors) -> None:
     name = next(name for name in tensors if name.startswith('optimizer.'))
-    tensors['optimizer.999.momentum_buffer'] = tensors.pop(name)
+    tensors['optimizer.other.momentum_buffer'] = tensors.pop(name)
 
 
 @pytest.mark.parametrize(
