@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from gcl_core import se3
 from gcl_core.data.clouds import read_cloud
-from gcl_core.data.poses import is_rigid, read_poses
+from gcl_core.data.poses import is_rigid, read_poses, read_table
 from gcl_core.errors import GclError
 from gcl_core.types import PointCloud
 
@@ -80,14 +80,9 @@ class KittiSequence:
             GclError: missing, or not one number for each scan.
         """
         path = self._folder.with_name('times.txt')
-        try:
-            times = np.array(path.read_text(errors='replace').split(), dtype=float)
-        except OSError:
-            raise GclError(f'no file {path}; it belongs to the KITTI odometry download') from None
-        except ValueError as error:
-            raise GclError(f'{path}: {error}') from None
-        if len(times) != len(self) or not np.isfinite(times).all():
-            raise GclError(f'{path}: expected {len(self)} finite numbers, one for each scan')
+        times = read_table(path, 1)[:, 0]
+        if len(times) != len(self):
+            raise GclError(f'{path} has {len(times)} times, but there are {len(self)} scans')
         return times
 
 

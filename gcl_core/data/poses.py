@@ -1,4 +1,4 @@
-"""Poses in text files, as KITTI writes them."""
+"""Poses, and other numbers, in text files as KITTI writes them."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def read_poses(path: Path) -> Float[np.ndarray, 'n 4 4']:
         GclError: missing, not numbers, of another width, not finite, or a rotation is none (off by
             more than 1 %).
     """
-    table = _table(path)
+    table = read_table(path, 12)
     poses = np.zeros((len(table), 4, 4))
     poses[:, :3] = table.reshape(-1, 3, 4)
     poses[:, 3, 3] = 1.0
@@ -31,19 +31,25 @@ def read_poses(path: Path) -> Float[np.ndarray, 'n 4 4']:
     return poses
 
 
-def _table(path: Path) -> Float[np.ndarray, 'n 12']:
+def read_table(path: Path, width: int) -> Float[np.ndarray, 'n width']:
+    """Read a text file of numbers, so many a line.
+
+    Raises:
+        GclError: missing, empty, not numbers, of another width, not finite.
+    """
+    expected = f'expected {width} number{"s" if width > 1 else ""} a line'
     try:
         with warnings.catch_warnings():
             warnings.simplefilter('ignore')  # of an empty file, which is refused below
             table = np.loadtxt(path, ndmin=2)
     except OSError:
-        raise GclError(f'no file {path}; expected 12 numbers a line') from None
+        raise GclError(f'no file {path}; {expected}') from None
     except ValueError as error:
         raise GclError(f'{path}: {error}') from None
     if not table.size:
-        raise GclError(f'{path} is empty; expected 12 numbers a line')
-    if table.shape[1] != 12:
-        raise GclError(f'{path}: expected 12 numbers a line, got {table.shape[1]}')
+        raise GclError(f'{path} is empty; {expected}')
+    if table.shape[1] != width:
+        raise GclError(f'{path}: {expected}, got {table.shape[1]}')
     if not np.isfinite(table).all():
         raise GclError(f'{path} holds a number that is not finite')
     return table

@@ -76,11 +76,12 @@ def test_motion_is_taken_out(recorded):
     ('times', 'message'),
     [
         (None, r'no file .*times\.txt'),
-        ('0 0.3 0.6', 'expected 4 finite numbers, one for each scan'),
-        ('0 0.3 0.6 nan', 'expected 4 finite numbers'),
-        ('0 0.3 0.6 x', 'could not convert'),
-        ('0 0.3 0.3 0.6', 'these scans are 0 to 0.3 s apart'),
-        ('0 5 10 15', 'these scans are 5 to 5 s apart'),
+        ('0 0.3 0.6 0.9', 'expected 1 number a line, got 4'),
+        ('0\n0.3\n0.6', 'has 3 times, but there are 4 scans'),
+        ('0\n0.3\n0.6\nnan', 'a number that is not finite'),
+        ('0\n0.3\n0.6\nx', 'could not convert'),
+        ('0\n0.3\n0.3\n0.6', 'these scans are 0 to 0.3 s apart'),
+        ('0\n5\n10\n15', 'these scans are 5 to 5 s apart'),
     ],
 )
 def test_times_that_tell_no_speed_are_named(tmp_path, times, message):
