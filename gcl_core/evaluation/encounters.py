@@ -24,6 +24,8 @@ MAX_JITTER = 0.04  # metres
 TILT = np.deg2rad(1.0)  # roll and pitch of a vehicle, standard deviation
 FEWEST, MOST = 250, 5000  # key points that stand in for a scan
 THIN_SHARE = 0.5  # of the pairs, once more with key points on one side or both
+SENSORS = {'hdl64e': 0.4, 'vlp16': 0.2, 'hdl32e': 0.15, 'os1_128': 0.15, 'pandar128': 0.1}
+OTHER_SENSOR = 0.2  # of the worlds: the sources' differs from the targets'
 REPEATED_EVERY = 4  # every fourth world repeats one house
 TUNNEL_EVERY = 12  # of those, every third is a tunnel
 
@@ -49,11 +51,26 @@ def roughened(cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
     return PointCloud((points + turn[:, None] * skew + noise).astype(np.float32))
 
 
-def tunnel_or_houses(seed: int) -> Sequence:
+def sensors(seed: int) -> tuple[str, str]:
+    """Sensors of the targets and of the sources in a world."""
+    rng = np.random.default_rng([seed, 12])
+    targets, other = rng.choice([*SENSORS], 2, p=[*SENSORS.values()]).tolist()
+    return targets, other if rng.random() < OTHER_SENSOR else targets
+
+
+def tunnel_or_houses(seed: int, sensor: str) -> Sequence:
     """A place that looks alike all along; the second half of its scans is out of sight."""
     if seed % TUNNEL_EVERY == 0:
-        return BarrenSequence(seed, 'tunnel', span=260.0)
-    return RepeatedSequence(seed)
+        return BarrenSequence(seed, 'tunnel', span=260.0, sensor=sensor)
+    return RepeatedSequence(seed, sensor=sensor)
+
+
+def both_ways(seed: int, sensor: str) -> list[Sequence]:
+    """Two vehicles of one street, one along it, one against it."""
+    return [
+        SimulatedSequence(seed, sensor=sensor, route='along'),
+        SimulatedSequence(seed, sensor=sensor, route='oncoming'),
+    ]
 
 
 def few_turns(registrar: Registrar) -> int:
@@ -106,21 +123,24 @@ def street(
 ) -> tuple[list[Seen], list[Seen], str]:
     """Two targets near the middle of a world; sources 5 to 55 m away, and one out of sight."""
     yaw = float(rng.uniform(-np.pi, np.pi))
+    ours, theirs = sensors(seed)
+    drives: list[Sequence]
     if seed % REPEATED_EVERY == 0:
-        drive = tunnel_or_houses(seed)
+        drive, drives = tunnel_or_houses(seed, ours), [tunnel_or_houses(seed, theirs)] * 4
         half = len(drive) // 2
         chosen = half // 2 + rng.integers(-8, 8, 2)
         offsets = rng.uniform(5, 55, 3) * rng.choice([-1, 1], 3)
         where = np.concatenate([half // 2 + offsets, [half + rng.integers(10, half - 10)]])
-        drives, indices = [drive] * 4, np.clip(where, 0, 2 * half - 1).astype(int).tolist()
+        indices = np.clip(where, 0, 2 * half - 1).astype(int).tolist()
         targets = [see(registrar, drive, int(i), rng, yaw=yaw) for i in chosen]
         kind = 'repeated'
     else:
-        both = [SimulatedSequence(seed, route='along'), SimulatedSequence(seed, route='oncoming')]
+        both = both_ways(seed, ours)
         middle = len(both[0]) // 2
         targets = [
             see(registrar, d, int(middle + rng.integers(-8, 8)), rng, yaw=yaw) for d in both
         ]
+        both = both if theirs == ours else both_ways(seed, theirs)
         offsets = rng.uniform(5, 55, 3) * rng.choice([-1, 1], 3)
         drives = [both[int(rng.integers(2))] for _ in range(4)]
         indices = [*(middle + offsets).astype(int).tolist(), int(rng.choice([2, 2 * middle - 2]))]
