@@ -283,6 +283,7 @@ class Registrar:
             headings=[raised(features) for features in source.headings],
             turns=source.turns,
             keypoints=keypoint_grid(target.headings[0]),
+            points=min(source.points, target.points),
         )
 
     def finalists(

@@ -57,7 +57,7 @@ class Finalist:
     """
 
     refined: Refined
-    columns: Float[torch.Tensor, ' 9']
+    columns: Float[torch.Tensor, ' 10']
     inliers: int
     row: int
     rivals: Bool[torch.Tensor, ' h']
@@ -70,7 +70,7 @@ def stacked(hypotheses: list[Hypothesis]) -> Float[torch.Tensor, 'h 4 4']:
 
 def examine(
     hypotheses: list[Hypothesis], scene: Scene, config: VerifyConfig
-) -> Float[torch.Tensor, 'h 9']:
+) -> Float[torch.Tensor, 'h 10']:
     """Evidence on hypotheses as they were estimated."""
     support = torch.tensor([h.inliers for h in hypotheses])
     return evidence(stacked(hypotheses), support, scene, tolerance=config.tolerance)
@@ -114,13 +114,13 @@ def refine_finalists(
     return finalists
 
 
-def nothing_fits(examined: Float[torch.Tensor, 'h 9'], calibration: Calibration) -> bool:
+def nothing_fits(examined: Float[torch.Tensor, 'h 10'], calibration: Calibration) -> bool:
     """Whether no hypothesis looks right enough to be worth refining."""
     return float(calibration.estimated.fit.log_odds(examined).max()) < calibration.gate
 
 
 def summary(
-    finalists: list[Finalist], examined: Float[torch.Tensor, 'h 9'], calibration: Calibration
+    finalists: list[Finalist], examined: Float[torch.Tensor, 'h 10'], calibration: Calibration
 ) -> tuple[Finalist, Float[torch.Tensor, '1 3']]:
     """The winner, and what `Calibration.trust` judges it by.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import torch
@@ -22,9 +23,11 @@ SIGNS = {  # whether more of it speaks for a hypothesis or against
     'log_met': 1,
     'log_support': 1,
     'log_conflict': -1,
+    'log_points': -1,  # a dense scan has to fit better than one of 16 beams can
 }
 COLUMNS = tuple(SIGNS)
 NO_CONFLICT = 0.01  # share of conflict below which less says little more: noise, traffic
+SWEEP = 100_000  # points, about which `log_points` counts
 
 
 @dataclass(frozen=True)
@@ -38,6 +41,7 @@ class Scene:
             turned by it.
         turns: T_turned_source of each heading.
         keypoints: the target's, by place.
+        points: of the thinner side, or key points that stand in for them.
     """
 
     source: Surface
@@ -45,6 +49,7 @@ class Scene:
     headings: list[Features]
     turns: Float[torch.Tensor, 'turns 4 4']
     keypoints: KeypointGrid
+    points: int
 
 
 def evidence(
@@ -53,7 +58,7 @@ def evidence(
     scene: Scene,
     *,
     tolerance: float,
-) -> Float[torch.Tensor, 'h 9']:
+) -> Float[torch.Tensor, 'h 10']:
     """Weigh nothing yet: one row of `COLUMNS` for each hypothesis.
 
     Args:
@@ -85,6 +90,7 @@ def evidence(
             met.log1p(),
             support.float().log1p(),
             (fit.conflict + NO_CONFLICT).log(),
+            torch.full((len(T),), math.log(scene.points / SWEEP)),
         ],
         1,
     )

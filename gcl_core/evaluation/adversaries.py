@@ -48,26 +48,27 @@ def between(kind: str, source: Seen, target: Seen) -> Case:
     return Case(kind, source.view, target.view, T_true)
 
 
-def group(registrar: Registrar, number: int) -> Iterator[Case]:
+def group(registrar: Registrar, number: int, sensor: str = 'hdl64e') -> Iterator[Case]:
     """404 pairs among the scans of six streets of one kind and four special places.
 
     Args:
         registrar: describes sources at its number of turns; headings are such that it may find
             what is there.
         number: of the group; everything follows from it.
+        sensor: on all vehicles.
     """
     rng = np.random.default_rng([number, 12])
     seeds = FIRST_WORLD + 100 * number + np.arange(WORLDS)
     kind = list(KINDS)[number % len(KINDS)]
     streets = []
     for seed in seeds:
-        streets.append(Street(registrar, int(seed), kind, rng))
+        streets.append(Street(registrar, int(seed), kind, sensor, rng))
         yield from streets[-1].cases()
     for special in (
-        repeated(registrar, int(seeds[0]), rng),
-        repeated(registrar, int(seeds[1]), rng),
-        barren(registrar, int(seeds[2]), 'tunnel', rng),
-        barren(registrar, int(seeds[3]), 'field', rng),
+        repeated(registrar, int(seeds[0]), sensor, rng),
+        repeated(registrar, int(seeds[1]), sensor, rng),
+        barren(registrar, int(seeds[2]), 'tunnel', sensor, rng),
+        barren(registrar, int(seeds[3]), 'field', sensor, rng),
     ):
         cases = list(special)
         yield from cases
@@ -92,10 +93,10 @@ class Street:
     """
 
     def __init__(
-        self, registrar: Registrar, seed: int, kind: str, rng: np.random.Generator
+        self, registrar: Registrar, seed: int, kind: str, sensor: str, rng: np.random.Generator
     ) -> None:
         self._registrar, self._rng = registrar, rng
-        self._drive = SimulatedSequence(seed, kind=kind)
+        self._drive = SimulatedSequence(seed, kind=kind, sensor=sensor)
         self._yaw = float(rng.uniform(-np.pi, np.pi))
         self._middle = len(self._drive) // 2 + int(rng.integers(-8, 8))
         bins = rng.permutation([5, 10, 20, 30, 40])[:3]
@@ -145,9 +146,11 @@ def twice(registrar: Registrar, drive: Sequence, index: int) -> Case:
     return Case('one cloud twice', source, registrar.view(cloud), np.eye(4))
 
 
-def repeated(registrar: Registrar, seed: int, rng: np.random.Generator) -> Iterator[Case]:
+def repeated(
+    registrar: Registrar, seed: int, sensor: str, rng: np.random.Generator
+) -> Iterator[Case]:
     """A street of one house: pairs along it, and with the parallel street."""
-    drive = RepeatedSequence(seed)
+    drive = RepeatedSequence(seed, sensor=sensor)
     half, turns = len(drive) // 2, registrar.config.turns
     yaw = float(rng.uniform(-np.pi, np.pi))
     middles = half // 2 + rng.integers(-10, 10, 3)
@@ -159,9 +162,11 @@ def repeated(registrar: Registrar, seed: int, rng: np.random.Generator) -> Itera
             yield from (between(kind, source, target) for target in targets)
 
 
-def barren(registrar: Registrar, seed: int, kind: str, rng: np.random.Generator) -> Iterator[Case]:
+def barren(
+    registrar: Registrar, seed: int, kind: str, sensor: str, rng: np.random.Generator
+) -> Iterator[Case]:
     """Pairs 5 to 50 m apart in a tunnel or on an empty field."""
-    drive = BarrenSequence(seed, kind)
+    drive = BarrenSequence(seed, kind, sensor=sensor)
     yaw = float(rng.uniform(-np.pi, np.pi))
     middle, turns = len(drive) // 2, registrar.config.turns
     targets = [see(registrar, drive, i, rng, yaw=yaw) for i in (middle, middle + 7)]

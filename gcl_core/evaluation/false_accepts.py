@@ -3,7 +3,7 @@
     python -m gcl_core.evaluation.false_accepts --pairs 10000 --out bench/trust.json
 
 Each group of about 400 pairs goes to a file of its own, so that a run goes on where it was
-stopped and several processes can share the groups; the table is of all files in the folder.
+stopped and several processes can share the groups; the table is of all files of the sensor.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from pathlib import Path
 
 import torch
 
+from gcl_core.data.simulator.sensors import SENSORS
 from gcl_core.errors import GclError, bad_input_exits
 from gcl_core.evaluation import metrics
 from gcl_core.evaluation.accept_tables import Row, by_distance, by_kind, markdown
@@ -54,12 +55,14 @@ def judge(registrar: Registrar, case: Case) -> Row:
     )
 
 
-def measure(registrar: Registrar, folder: Path, numbers: Iterable[int], seconds: float) -> None:
+def measure(
+    registrar: Registrar, folder: Path, sensor: str, numbers: Iterable[int], seconds: float
+) -> None:
     """Write a file for each group that has none yet; stop after so many seconds."""
-    check_writable(folder / 'group')
+    check_writable(folder / sensor)
     turns, few, began = registrar.config.turns, few_turns(registrar), time.monotonic()
     for number in numbers:
-        path = folder / f'group_{number:04d}.json'
+        path = folder / f'{sensor}_{number:04d}.json'
         if path.exists():
             continue
         if time.monotonic() - began > seconds:
@@ -67,22 +70,22 @@ def measure(registrar: Registrar, folder: Path, numbers: Iterable[int], seconds:
         registrar.config = replace(
             registrar.config, turns=turns if number % ALL_TURNS_EVERY == 0 else few
         )
-        cases = progress(group(registrar, number), desc=path.stem, unit='pair')
+        cases = progress(group(registrar, number, sensor), desc=path.stem, unit='pair')
         rows = [asdict(judge(registrar, case)) for case in cases]
         write_text(path, json.dumps(rows) + '\n')
 
 
-def load(folder: Path) -> list[Row]:
-    """Read the rows of all groups in a folder."""
-    return [
-        Row(**r) for p in sorted(folder.glob('group_*.json')) for r in json.loads(p.read_text())
-    ]
+def load(folder: Path, sensor: str) -> list[Row]:
+    """Read the rows of all groups of a sensor in a folder."""
+    paths = sorted(folder.glob(f'{sensor}_[0-9]*.json'))
+    return [Row(**row) for path in paths for row in json.loads(path.read_text())]
 
 
 def main() -> None:
     """Measure, print the tables, write them."""
     parser = argparse.ArgumentParser(prog='false_accepts', description=__doc__)
     parser.add_argument('--weights', default=RegistrarConfig().weights, help='name or file')
+    parser.add_argument('--sensor', choices=SENSORS, default='hdl64e', help='on all vehicles')
     parser.add_argument('--chunks', type=Path, default=Path('build/trust'), help='a file a group')
     parser.add_argument('--pairs', type=int, default=10_000, help='at least, in whole groups')
     parser.add_argument('--first', type=int, default=0, help='first group')
@@ -101,8 +104,8 @@ def run(o: argparse.Namespace) -> None:
     registrar = Registrar(RegistrarConfig(weights=o.weights))
     config = registrar.config
     last = o.first - (-o.pairs // PAIRS) if o.last is None else o.last
-    measure(registrar, o.chunks, range(o.first, last), o.seconds)
-    rows = load(o.chunks)
+    measure(registrar, o.chunks, o.sensor, range(o.first, last), o.seconds)
+    rows = load(o.chunks, o.sensor)
     if not rows:
         raise GclError(f'no group of pairs in {o.chunks}; ask for more --pairs or --seconds')
     print(markdown(rows))
@@ -110,6 +113,7 @@ def run(o: argparse.Namespace) -> None:
         card = zoo.FOLDER / f'{o.weights}.json'
         content = {
             'weights': json.loads(card.read_text())['sha256'] if card.is_file() else o.weights,
+            'sensor': o.sensor,
             'min_probability': config.min_probability,
             'turns': {
                 'most groups': few_turns(registrar),

@@ -45,7 +45,7 @@ class Trial:
     kind: str
     distance: float
     points: int
-    columns: Float[torch.Tensor, 'h 9']
+    columns: Float[torch.Tensor, 'h 10']
     right: Bool[torch.Tensor, ' h']
     finalists: list[Finalist]
     errors: Float[torch.Tensor, 'f 6']

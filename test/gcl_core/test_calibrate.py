@@ -34,7 +34,8 @@ def registrar():
 
 
 def finalist(rng, right, row, residual):
-    columns = rng.normal(size=9) * 0.3 + np.array([-1, 1, 1, 1, 0, 1, 0, 1, -1]) * (right - 0.5)
+    speaks = np.array([-1, 1, 1, 1, 0, 1, 0, 1, -1, 0])
+    columns = rng.normal(size=10) * 0.3 + speaks * (right - 0.5)
     information = np.diag(1.0 / np.array([0.02, 0.03, 0.02, 0.001, 0.001, 0.002]) ** 2)
     refined = Refined(np.eye(4), information, walked=False, residual=residual)
     rivals = torch.arange(2) != row

@@ -40,15 +40,16 @@ def test_tables_count_what_they_say():
 def test_a_run_goes_on_where_it_was_stopped(registrar, tmp_path, monkeypatch, capsys):
     made = []
 
-    def few(registrar, number):
+    def few(registrar, number, sensor):
         made.append(number)
-        drive = BarrenSequence(number, 'field')
+        drive = BarrenSequence(number, 'field', sensor=sensor)
         view = see(registrar, drive, 60, np.random.default_rng(0)).view
         yield adversaries.Case('field', view, view, None)
 
     monkeypatch.setattr(false_accepts, 'group', few)
     options = argparse.Namespace(
         weights=RegistrarConfig().weights,
+        sensor='vlp16',
         chunks=tmp_path / 'chunks',
         pairs=2 * false_accepts.PAIRS,
         first=1,
@@ -64,7 +65,8 @@ def test_a_run_goes_on_where_it_was_stopped(registrar, tmp_path, monkeypatch, ca
     content = json.loads(options.out.read_text())
     assert content['by_kind'][-1]['pairs'] == 3
     assert '| field | 3 |' in capsys.readouterr().out
-    options.chunks, options.last = tmp_path / 'none', 0
+    options.sensor = 'hdl64e'  # of which there is none among them
+    options.last = 0
     with pytest.raises(GclError, match='no group of pairs'):
         false_accepts.run(options)
 
@@ -82,7 +84,7 @@ def test_barren_places_look_the_same_everywhere(kind):
 
 def test_barren_and_mirrored_pairs_are_refused(registrar, drive):
     rng = np.random.default_rng(0)
-    field = list(adversaries.barren(registrar, 1, 'field', rng))[:2]
+    field = list(adversaries.barren(registrar, 1, 'field', 'hdl64e', rng))[:2]
     mirrored = see(registrar, drive, 90, rng, change=adversaries.MIRROR)
     target = see(registrar, drive, 92, rng)
     field.append(adversaries.Case('mirrored', mirrored.view, target.view, None))

@@ -99,6 +99,15 @@ def test_a_hypothesis_out_of_the_race_is_examined_as_it_is(same_heading, drive):
     assert np.array_equal(second.refined.T_target_source, start)
 
 
+@pytest.mark.parametrize('away', [20, 30])
+def test_sixteen_beams_are_enough_to_be_accepted(same_heading, away):
+    drive = SimulatedSequence(3, sensor='vlp16')
+    result = same_heading.register(source=drive.scan(90 + away), target=drive.scan(90))
+    T = T_target_source(drive, source=90 + away, target=90)
+    assert metrics.registered(result.T_target_source, T, metrics.STRICT)
+    assert result.accepted, result.reason
+
+
 def test_noise_is_refused_with_a_reason(same_heading, drive):
     rng = np.random.default_rng(0)
     noise = rng.uniform([-40, -40, -2], [40, 40, 4], (20000, 3)).astype(np.float32)
