@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from gcl_core import se3
 from gcl_core.errors import GclError
-from gcl_core.estimation.confidence import Calibration, load_calibration
+from gcl_core.estimation.confidence import THIN, Calibration, load_calibration
 from gcl_core.estimation.decision import (
     Finalist,
     VerifyConfig,
@@ -22,7 +22,7 @@ from gcl_core.estimation.decision import (
     summary,
 )
 from gcl_core.estimation.estimators import EstimatorConfig, estimate
-from gcl_core.estimation.evidence import Scene
+from gcl_core.estimation.evidence import SWEEP, Scene
 from gcl_core.estimation.hypothesis import Hypothesis, ranked
 from gcl_core.estimation.likeness import keypoint_grid, raised
 from gcl_core.estimation.refine import Prepared, RefineConfig, prepare
@@ -277,13 +277,14 @@ class Registrar:
 
     def scene(self, *, source: View, target: View) -> Scene:
         """What hypotheses about a pair are checked against."""
+        points = min(source.points, target.points)
         return Scene(
             source=source.surface,
             target=target.surface,
             headings=[raised(features) for features in source.headings],
             turns=source.turns,
             keypoints=keypoint_grid(target.headings[0]),
-            points=min(source.points, target.points),
+            points=points if points >= THIN else SWEEP,
         )
 
     def finalists(

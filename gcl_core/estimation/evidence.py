@@ -41,7 +41,8 @@ class Scene:
             turned by it.
         turns: T_turned_source of each heading.
         keypoints: the target's, by place.
-        points: of the thinner side, or key points that stand in for them.
+        points: of the thinner scan; `SWEEP` where key points stand in for one, whose number says
+            nothing of the sensor.
     """
 
     source: Surface
