@@ -137,7 +137,7 @@ def test_checkpoints_that_do_not_fit_are_refused(tmp_path, change, metadata):
     [
         (
             lambda c: c['whole']['estimated']['fit']['weight'].pop(),
-            'whole: estimated.fit weighs 8 columns of evidence, this version',
+            'whole: estimated.fit weighs 9 columns of evidence, this version',
         ),
         (lambda c: c['thin']['trust']['only']['weight'].append(1.0), 'only weighs 3 columns'),
         (
