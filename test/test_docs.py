@@ -19,6 +19,7 @@ from gcl_core.evaluation.benchmark import BenchmarkConfig
 from gcl_core.models.kpconv_resunet import KPConvConfig
 from gcl_core.models.resunet import ResUNetConfig
 from gcl_core.registrar import RegistrarConfig
+from gcl_core.training.ablation import AblationConfig
 from gcl_core.training.recipe import TrainConfig
 from gcl_ros.describer_node import DescriberConfig
 from gcl_ros.registrar_node import NodeConfig
@@ -31,7 +32,11 @@ SCRIPTS = {
     'evaluate_bag': 'gcl_ros.evaluate_bag',
 }
 NODES = {'registrar': NodeConfig, 'describer': DescriberConfig}
-CONFIGS = {'train': TrainConfig, 'evaluate': BenchmarkConfig}
+CONFIGS = {
+    'train': TrainConfig,
+    'evaluate': BenchmarkConfig,
+    'gcl_core.training.ablation': AblationConfig,
+}
 FENCED = re.compile(r'^```(\w*)\n(.*?)^```', re.DOTALL | re.MULTILINE)
 # Keys of a config in backticks, by the dataclass that their first part belongs to.
 KEYS = {
@@ -98,7 +103,7 @@ def test_a_command_parses(words, monkeypatch, capsys):
     config = str(getattr(options, 'config', None))
     if config.startswith('config/'):
         settings = [s for s in getattr(options, 'set', []) if s != '…']
-        load_config(CONFIGS[options.command], ROOT / config, settings)
+        load_config(CONFIGS[getattr(options, 'command', name)], ROOT / config, settings)
 
 
 def check_node(name, arguments):
