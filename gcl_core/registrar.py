@@ -110,6 +110,11 @@ class View:
     points: int
 
 
+def thinner(source: View, target: View) -> int:
+    """Points of the thinner scan of a pair."""
+    return min(source.points, target.points)
+
+
 def undescribed(
     cloud: PointCloud, T_view_lidar: Float[np.ndarray, '4 4'], config: RefineConfig
 ) -> View:
@@ -255,7 +260,7 @@ class Registrar:
 
     def calibration(self, *, source: View, target: View) -> Calibration:
         """Fitted numbers for a pair: key points show less than a scan."""
-        return self.calibrations.of(min(source.points, target.points))
+        return self.calibrations.of(thinner(source, target))
 
     def search(
         self, *, source: View, target: View, watch: Stopwatch
@@ -277,7 +282,7 @@ class Registrar:
 
     def scene(self, *, source: View, target: View) -> Scene:
         """What hypotheses about a pair are checked against."""
-        points = min(source.points, target.points)
+        points = thinner(source, target)
         return Scene(
             source=source.surface,
             target=target.surface,

@@ -126,7 +126,8 @@ def street(
     ours, theirs = sensors(seed)
     drives: list[Sequence]
     if seed % REPEATED_EVERY == 0:
-        drive, drives = tunnel_or_houses(seed, ours), [tunnel_or_houses(seed, theirs)] * 4
+        drive = tunnel_or_houses(seed, ours)
+        drives = [drive if theirs == ours else tunnel_or_houses(seed, theirs)] * 4
         half = len(drive) // 2
         chosen = half // 2 + rng.integers(-8, 8, 2)
         offsets = rng.uniform(5, 55, 3) * rng.choice([-1, 1], 3)

@@ -20,7 +20,7 @@ from gcl_core.estimation.surface import surface
 from gcl_core.evaluation import metrics
 from gcl_core.files import whole_file
 from gcl_core.matching.keypoints import selected
-from gcl_core.registrar import Registrar, View
+from gcl_core.registrar import Registrar, View, thinner
 from gcl_core.stopwatch import Stopwatch
 from gcl_core.types import Features, PointCloud
 
@@ -118,7 +118,7 @@ def run_trial(
     return Trial(
         kind=kind,
         distance=np.inf if T_true is None else float(np.linalg.norm(T_true[:3, 3])),
-        points=min(source.points, target.points),
+        points=thinner(source, target),
         columns=columns,
         right=torch.tensor(right),
         finalists=finalists,

@@ -6,7 +6,6 @@ import subprocess
 import sys
 import threading
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -25,8 +24,6 @@ from gcl_ros.bag import VERSION, Encounter, write_bag
 from gcl_ros.bag_reader import message_types
 from gcl_ros.conversions import seconds
 from gcl_ros.playback import Playback, replay
-
-ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope='module')
@@ -89,10 +86,7 @@ def test_a_subscriber_that_is_busy_at_the_end_gets_the_last_cloud(rig, tmp_path)
     write_bag(
         tmp_path / 'bag', [Encounter(stamp, cloud, cloud, np.eye(4)) for stamp in (3.0, 5.0)]
     )
-    environment = os.environ | {
-        'ROS_DOMAIN_ID': str(rig.domain),
-        'FASTDDS_DEFAULT_PROFILES_FILE': str(ROOT / 'config' / 'fastdds.xml'),
-    }
+    environment = os.environ | {'ROS_DOMAIN_ID': str(rig.domain)}
     taken = tmp_path / 'taken'
     heard = [rig.listen(PointCloud2, f'/{side}/points') for side in ('source', 'target')]
     replayed = [sys.executable, '-m', 'gcl_ros.replay', str(tmp_path / 'bag')]
