@@ -8,9 +8,7 @@ from collections.abc import Mapping
 from functools import lru_cache
 
 import numpy as np
-import torch
 
-from gcl_core import se3
 from gcl_core.data.eth import EthSequence
 from gcl_core.data.sequence import Sequence
 from gcl_core.errors import GclError
@@ -20,7 +18,7 @@ from gcl_core.evaluation.figures.result import FigureResult, Row
 from gcl_core.evaluation.metrics import wilson
 from gcl_core.matching.match import match
 from gcl_core.registrar import Registrar
-from gcl_core.types import Features, PointCloud
+from gcl_core.types import Features
 
 TAU1 = 0.1  # metres between the points of a right match (paper)
 
@@ -55,11 +53,7 @@ def _scene(registrar: Registrar, name: str, sequence: Sequence) -> Row:
     @lru_cache(maxsize=8)
     def described(index: int) -> Features:
         cloud = sequence.scan(index)
-        T_view_lidar = registrar.model.facing(cloud)
-        turned = PointCloud(se3.transform(T_view_lidar, cloud.points))
-        features = registrar.model.describe([turned])[0]
-        own = se3.transform(se3.inverse(T_view_lidar), features.points.numpy())
-        return Features(torch.from_numpy(own), features.descriptors)
+        return registrar.model.describe_facing(cloud, registrar.model.facing(cloud))
 
     ratios = []
     for (target, source), T in sorted(sequence.links.items()):

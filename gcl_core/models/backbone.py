@@ -116,6 +116,18 @@ class Backbone(nn.Module, ABC, Generic[Config, Inputs]):
             points, descriptors, splits = self(inputs.to(device))
         return [Features(points[a:b], descriptors[a:b]) for a, b in pairwise(splits)]
 
+    def describe_facing(
+        self, cloud: PointCloud, T_view_lidar: Float[np.ndarray, '4 4']
+    ) -> Features:
+        """Describe a scan turned to a view, such as `facing`; key points lie in its own frame.
+
+        Raises:
+            GclError: the scan has no point within `max_range`.
+        """
+        seen = self.describe([PointCloud(se3.transform(T_view_lidar, cloud.points))])[0]
+        own = se3.transform(se3.inverse(T_view_lidar), seen.points.numpy())
+        return Features(torch.from_numpy(own), seen.descriptors)
+
     def describe_turned(self, cloud: PointCloud, yaws: Sequence[float]) -> list[Features]:
         """Describe a scan turned by each of some headings, radians, in the turned frames.
 

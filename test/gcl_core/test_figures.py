@@ -215,6 +215,35 @@ def test_a_benchmark_draws_positives_once_for_all_methods(corridor, monkeypatch)
     assert len(results.drawings) == 1
 
 
+class Mounted:
+    """A drive as a sensor turned by 35 degrees on its vehicle records it."""
+
+    T_turned_lidar = se3.from_xyz_rpy(yaw=np.deg2rad(35))
+
+    def __init__(self, drive):
+        self._drive, self.name = drive, 'mounted'
+
+    def __len__(self):
+        return len(self._drive)
+
+    def T_world_lidar(self, index):
+        return self._drive.T_world_lidar(index) @ se3.inverse(self.T_turned_lidar)
+
+    def scan(self, index):
+        return PointCloud(se3.transform(self.T_turned_lidar, self._drive.scan(index).points))
+
+
+def test_inliers_do_not_depend_on_how_the_sensor_is_mounted(drive, registrar, monkeypatch):
+    """Weights that bear 16 degrees are given scans that were turned to their street."""
+    monkeypatch.setattr(compared, 'CENTRES', 1)
+
+    def ratios(sequence):
+        found = OF_FEATURES['inliers'](compare({'ours': registrar}, {'a': sequence}))
+        return [row['inlier_ratio'] for row in found.rows if row['method'] == 'ours']
+
+    np.testing.assert_allclose(ratios(Mounted(drive)), ratios(drive), atol=0.05)
+
+
 def test_a_benchmark_describes_every_scan_once_and_draws_all_methods_in_one(monkeypatch):
     monkeypatch.setattr(compared, 'CENTRES', 1)
     monkeypatch.setattr(inliers, 'PER_BIN', 1)

@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import cycle
+from typing import Any
 
+from gcl_core import se3
 from gcl_core.data.sequence import Sequence
 from gcl_core.evaluation.figures.result import BLUE, GREEN, GREY, ORANGE, PURPLE, RED, SKY
 from gcl_core.evaluation.neighborhood import Neighborhood, neighborhoods
 from gcl_core.evaluation.peers import fpfh_features
 from gcl_core.matching.match import MatchConfig
+from gcl_core.models.backbone import Backbone
 from gcl_core.registrar import Registrar
 from gcl_core.types import Features
 
@@ -50,6 +53,9 @@ def compare(
 ) -> Compared:
     """Describe the scans of a few places by every registrar's network, and by FPFH.
 
+    The scans of a place are described at one heading, the centre's street where a network wants
+    it so: what is compared are features, not how well a heading is found.
+
     Args:
         registrars: by name; at least one.
         sequences: drives.
@@ -61,8 +67,15 @@ def compare(
     networks = {name: registrar.model for name, registrar in registrars.items()}
     places = list(neighborhoods(sequences, CENTRES, seed))
     features = {
-        name: [[network.describe([cloud])[0] for cloud in place.clouds] for place in places]
-        for name, network in networks.items()
+        name: [_describe(network, place) for place in places] for name, network in networks.items()
     }
     features['FPFH'] = [[fpfh_features(cloud) for cloud in place.clouds] for place in places]
     return Compared(places, features, next(iter(registrars.values())).config.match, seed)
+
+
+def _describe(network: Backbone[Any, Any], place: Neighborhood) -> list[Features]:
+    T_view_centre = network.facing(place.clouds[0])
+    return [
+        network.describe_facing(cloud, T_view_centre @ se3.from_xyz_rpy(yaw=se3.yaw(T)))
+        for cloud, T in zip(place.clouds, place.T_centre_scan, strict=True)
+    ]

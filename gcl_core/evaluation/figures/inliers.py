@@ -108,7 +108,7 @@ def _caption(compared: Compared, rows: list[Row]) -> str:
     pairs = sum(row['pairs'] for row in rows if row['method'] == rows[0]['method'])
     return (
         f'{pairs} pairs among the scans of {len(compared.places)} places of {compared.drives}, '
-        'headings as recorded, matched as the registrar does. Left: share of matches right '
+        'described at one heading, matched as the registrar does. Left: share of matches right '
         f'within τ1 = {TAU1:g} m; median, lowest and highest pair of each distance. Right: share '
         'of pairs with more than '
         f'τ2 = {100 * TAU2:g} % right ones (feature-match recall, FMR), with its 95 % Wilson '
