@@ -33,7 +33,7 @@ class RansacConfig:
         threshold: residual of an inlier, metres.
         samples: most minimal sets drawn.
         batch: minimal sets drawn first; then twice as many each time.
-        confidence: stop once an all-inlier set was drawn with this probability.
+        confidence: stop once an all-inlier set was drawn with this probability; 1 never does.
         edge_ratio: edges of a minimal set agree in length to this ratio (Open3D's check).
         min_edge: shortest edge of a minimal set, metres.
         max_height_difference: of the two sensors' frames, metres; `level` only.
@@ -61,6 +61,8 @@ class RansacConfig:
             raise GclError(f'ransac.threshold is {self.threshold}; it must be positive (metres)')
         if min(self.samples, self.batch, self.keep) < 1:
             raise GclError('ransac.samples, ransac.batch and ransac.keep must be at least 1')
+        if not 0 < self.confidence <= 1:
+            raise GclError(f'ransac.confidence is {self.confidence}; it must lie in (0, 1]')
 
 
 def ransac(
@@ -84,8 +86,9 @@ def ransac(
     T, scores = torch.empty(0, 4, 4), torch.empty(0)
     drawn, batch, needed = 0, config.batch, float(config.samples)
     while drawn < needed:
-        sets = torch.randint(len(correspondences), (batch, points), generator=generator)
-        drawn, batch = drawn + batch, min(2 * batch, LARGEST_BATCH)
+        count = min(batch, config.samples - drawn)
+        sets = torch.randint(len(correspondences), (count, points), generator=generator)
+        drawn, batch = drawn + count, min(2 * batch, LARGEST_BATCH)
         found = _hypotheses(correspondences, sets, config, max_yaw)
         T, scores = torch.cat([T, found]), torch.cat([scores, support.scores(found)])
         leaders = distinct_best(T, scores, 2 * config.keep)
@@ -98,6 +101,8 @@ def ransac(
 
 def _samples_needed(inlier_share: float, points: int, confidence: float) -> float:
     """Draws until a set without outliers has come up (Fischler and Bolles, 1981)."""
+    if confidence == 1:
+        return math.inf
     good = min(max(inlier_share, 1e-9) ** points, 1 - 1e-9)
     return math.log(1 - confidence) / math.log(1 - good)
 

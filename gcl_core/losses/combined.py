@@ -56,6 +56,11 @@ class LossConfig:
             raise GclError(
                 f'loss weights are {weights}; none may be negative, one must be positive'
             )
+        if self.contrast == 0 and self.gcl_from > 0:
+            raise GclError(
+                f'loss.gcl_from is {self.gcl_from:g} and loss.contrast 0: nothing is learnt before '
+                'the other losses join; set loss.gcl_from to 0'
+            )
 
     def ramp(self, progress: float) -> float:
         """Factor of the losses that join later, at this fraction of the run."""

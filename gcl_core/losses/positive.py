@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int64
 
 from gcl_core.types import PositiveGroups
 
@@ -34,8 +34,11 @@ def positive_pair(
 ) -> Float[torch.Tensor, '']:
     """L_PP: one random pair of different members of each group."""
     sizes = groups.sizes
-    first = (torch.rand(len(groups), generator=generator) * sizes).long()
-    step = 1 + (torch.rand(len(groups), generator=generator) * (sizes - 1)).long()
+
+    def below(most: Int64[torch.Tensor, ' g']) -> Int64[torch.Tensor, ' g']:
+        return (torch.rand(len(groups), generator=generator).to(most.device) * most).long()
+
+    first, step = below(sizes), 1 + below(sizes - 1)
     second = (first + step) % sizes
     start = groups.offsets[:-1]
     difference = features[groups.member[start + first]] - features[groups.member[start + second]]

@@ -55,6 +55,13 @@ def test_same_seed_same_transform():
     assert torch.equal(first, second)
 
 
+def test_ransac_need_not_stop_early():
+    T = se3.from_xyz_rpy(x=20.0)
+    config = RansacConfig(samples=5_000, confidence=1.0)
+    found = ransac(correspondences(T, 300, 100), config)[0]
+    assert metrics.registered(found.T_target_source.numpy(), T, metrics.STRICT)
+
+
 def test_heading_limit_is_kept():
     c = correspondences(se3.from_xyz_rpy(x=20.0, yaw=2.0), 50, 200)
     found = ransac(c, RansacConfig(), max_yaw=0.5)
@@ -69,6 +76,8 @@ def test_too_few_correspondences_find_nothing(count):
 def test_bad_settings_are_named():
     with pytest.raises(GclError, match='threshold is -1'):
         RansacConfig(threshold=-1)
+    with pytest.raises(GclError, match='confidence is 1.5'):
+        RansacConfig(confidence=1.5)
 
 
 @pytest.mark.parametrize('limit', [3, 40, 1000])

@@ -147,6 +147,11 @@ def test_groups_of_two_are_the_pair_wise_loss():
     assert ours.item() == pytest.approx((positive + negative).item(), rel=1e-4)
 
 
+def test_a_recipe_that_learns_nothing_at_first_is_refused():
+    with pytest.raises(GclError, match='set loss.gcl_from to 0'):
+        LossConfig(contrast=0, gcl_from=0.5)
+
+
 def test_losses_join_when_the_recipe_says():
     groups = groups_of([0, 2], [1, 3], finest_at=[0, 2])
     config = LossConfig(gcl_from=0.5)
