@@ -206,6 +206,17 @@ class Registrar:
             turns=torch.from_numpy(np.stack(matrices)),
         )
 
+    def views(self, *, source: PointCloud, target: PointCloud) -> tuple[View, View]:
+        """Prepare both scans of a pair, the source at all headings.
+
+        Raises:
+            GclError: a cloud has no point within the network's range.
+        """
+        seen = self.view(target)
+        known = undescribed(source, self.model.facing(source), self.config.refine)
+        yaw = self.first_yaw(source=known, target=seen)
+        return self.view(source, turns=self.config.turns, yaw=yaw, known=known), seen
+
     def register(self, *, source: PointCloud, target: PointCloud) -> Registration:
         """Find the transform that maps source points into the target frame.
 
@@ -253,7 +264,7 @@ class Registrar:
             finalists = self.finalists(hypotheses, odds, scene, source=source, target=target)
         winner, columns = summary(finalists, examined, calibration)
         probability = float(calibration.trust.probability(columns))
-        if winner.refined.slides:
+        if winner.refined.walked or winner.refined.slides:
             probability = 0.0
         result = self._verdict(winner, probability, calibration, offered, watch)
         return between_lidars(result, source=source, target=target)
@@ -324,7 +335,7 @@ class Registrar:
         """Accept or withhold the winner."""
         reason = ''
         if winner.refined.walked:
-            reason = 'refinement left the place that the correspondences support'
+            reason = 'refinement does not confirm the place that the correspondences support'
         elif winner.refined.slides:
             reason = 'nothing that both scans saw holds the transform in one direction'
         elif not probability >= self.config.min_probability:  # nor is nan enough

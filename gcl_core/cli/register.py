@@ -44,8 +44,7 @@ def _show(
     """Draw and record the pair with the matches that agree."""
     matches = None
     if T is not None:
-        turned = registrar.view(source, turns=registrar.config.turns)
-        still = registrar.view(target)
+        turned, still = registrar.views(source=source, target=target)
         matches = agreeing(T, source=turned, target=still, config=registrar.config.match)
     clouds = {'source': source, 'target': target}
     pair: dict[str, Any] = {**clouds, 'T_target_source': T, 'matches': matches}

@@ -16,7 +16,7 @@ from gcl_core.estimation.refine import prepare, refine
 from gcl_core.evaluation.peers import fpfh_features
 from gcl_core.evaluation.predict import Outcome
 from gcl_core.matching.match import MatchConfig
-from gcl_core.registrar import Registrar, RegistrarConfig, search_headings, undescribed
+from gcl_core.registrar import Registrar, RegistrarConfig, search_headings
 from gcl_core.stopwatch import Stopwatch
 from gcl_core.types import Features, PointCloud
 
@@ -108,14 +108,11 @@ def describe(registrar: Registrar, kind: str, source: PointCloud, target: PointC
     if kind == 'fpfh':  # does not depend on the heading
         alone = torch.eye(4).double()[None]
         return Described([fpfh_features(source)], alone, fpfh_features(target), np.eye(4), np.pi)
-    turns, seen = registrar.config.turns, registrar.view(target)
-    known = undescribed(source, registrar.model.facing(source), registrar.config.refine)
-    yaw = registrar.first_yaw(source=known, target=seen)
-    view = registrar.view(source, turns=turns, yaw=yaw, known=known)
+    view, seen = registrar.views(source=source, target=target)
     return Described(
         headings=view.headings,
         turns=view.turns @ torch.from_numpy(view.T_view_lidar),
         target=seen.headings[0],
         T_turned_target=seen.T_view_lidar,
-        max_yaw=registrar.max_heading(turns),
+        max_yaw=registrar.max_heading(registrar.config.turns),
     )

@@ -11,7 +11,9 @@ from gcl_core.data.kitti import KittiSequence
 from gcl_core.data.sequence import T_target_source
 from gcl_core.data.simulator.sequence import SimulatedSequence
 from gcl_core.errors import GclError
+from gcl_core.estimation.refine import RefineConfig
 from gcl_core.evaluation import metrics
+from gcl_core.evaluation.agreement import agreeing
 from gcl_core.registrar import Registrar, RegistrarConfig
 from gcl_core.stopwatch import Stopwatch
 from gcl_core.types import PointCloud
@@ -70,6 +72,28 @@ def test_what_is_farther_than_wanted_is_left_out(drive):
     assert T is None or np.linalg.norm(T[:3, 3]) < 10 + near.config.refine.max_move
     with pytest.raises(GclError, match='max_distance is 0'):
         RegistrarConfig(max_distance=0)
+
+
+def test_what_refinement_does_not_confirm_has_no_probability(drive):
+    timid = Registrar(RegistrarConfig(turns=1, refine=RefineConfig(max_move=1e-6)))
+    result = timid.register(source=drive.scan(98), target=drive.scan(90))
+    assert (result.accepted, result.probability, result.covariance) == (False, 0.0, None)
+    assert result.reason.startswith('refinement does not confirm')
+
+
+def test_one_heading_is_that_of_the_other_scan_where_a_street_lies_across(same_heading, drive):
+    """At 45 degrees one scan is turned to the street one way, the other the other way."""
+    clouds = [
+        PointCloud(se3.transform(se3.from_xyz_rpy(yaw=np.deg2rad(off)), drive.scan(i).points))
+        for i, off in ((98, 40.0), (90, 50.0))
+    ]
+    source, target = same_heading.views(source=clouds[0], target=clouds[1])
+    assert abs(se3.yaw(source.T_view_lidar @ se3.inverse(target.T_view_lidar))) > 1.0
+    result = same_heading.register_views(source=source, target=target)
+    assert result.accepted
+    matches = same_heading.config.match
+    T = result.T_target_source
+    assert len(agreeing(T, source=source, target=target, config=matches)) > 100
 
 
 def test_same_scans_same_transform(same_heading, drive):
