@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import tempfile
 from collections.abc import Iterator
@@ -53,6 +54,11 @@ def check_writable(*paths: Path) -> None:
             raise GclError(f'cannot write {path}: {reason_of(error)}') from None
         if path.is_dir():
             raise GclError(f'cannot write {path}: it is a folder; name a file')
+
+
+def sha256(*paths: Path) -> str:
+    """SHA-256 of what the files hold, one after the other."""
+    return hashlib.sha256(b''.join(path.read_bytes() for path in paths)).hexdigest()
 
 
 def write_text(path: Path, text: str) -> None:

@@ -18,7 +18,7 @@ class Row:
 
     Attributes:
         kind: of pair.
-        turns: headings that were tried.
+        turns: headings of the last look: all of them unless fewer were enough to accept.
         distance: between the sensors, metres; None where no transform is right.
         accepted: by the registrar.
         probability: that it stated.

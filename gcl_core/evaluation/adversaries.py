@@ -52,8 +52,8 @@ def group(registrar: Registrar, number: int, sensor: str = 'hdl64e') -> Iterator
     """404 pairs among the scans of six streets of one kind and four special places.
 
     Args:
-        registrar: describes sources at its number of turns; headings are such that it may find
-            what is there.
+        registrar: describes sources at all its headings; those of the vehicles are such that it
+            may find what is there.
         number: of the group; everything follows from it.
         sensor: on all vehicles.
     """

@@ -19,10 +19,11 @@ from gcl_core.errors import GclError, bad_input_exits
 from gcl_core.estimation.confidence import THIN, Calibration, Calibrations, Stage, save_calibration
 from gcl_core.estimation.evidence import SIGNS
 from gcl_core.estimation.fit_judges import fit_choice, fit_judge, fit_trust
-from gcl_core.evaluation.encounters import Seen, encounters, few_turns
+from gcl_core.evaluation.encounters import encounters, few_turns
 from gcl_core.evaluation.reliability import Verdicts, fit_spread, joined, report, verdicts
 from gcl_core.evaluation.trials import GATE_MARGIN, Trial, load_trials, save_trials
-from gcl_core.files import check_writable
+from gcl_core.files import check_writable, sha256
+from gcl_core.models.zoo import weights_file
 from gcl_core.progress import progress
 from gcl_core.registrar import Registrar, RegistrarConfig, own_calibration
 
@@ -40,7 +41,6 @@ def collect(
     import time
 
     check_writable(folder / 'world')
-    others: list[Seen] = []
     began, turns, few = time.monotonic(), registrar.config.turns, few_turns(registrar)
     for number in progress(range(first, last), unit='world'):
         path = folder / f'world_{number:05d}.safetensors'
@@ -50,9 +50,8 @@ def collect(
             break
         all_turns = number % ALL_TURNS_EVERY == 1
         registrar.config = replace(registrar.config, turns=turns if all_turns else few)
-        trials = list(encounters(registrar, FIRST_WORLD + number, others))
+        trials = list(encounters(registrar, FIRST_WORLD + number))
         save_trials(path, trials)
-        del others[:-6]
 
 
 def fit(trials: list[Trial], start: Calibration) -> Calibration:
@@ -123,7 +122,7 @@ def main() -> None:
     """Collect, report what holds on worlds that were not fitted, fit on all, write."""
     parser = argparse.ArgumentParser(prog='calibrate', description=__doc__)
     parser.add_argument('--weights', default=RegistrarConfig().weights, help='name or file')
-    parser.add_argument('--trials', type=Path, required=True, help='folder for trials')
+    parser.add_argument('--trials', type=Path, required=True, help='folder; one in it by weights')
     parser.add_argument('--worlds', type=int, default=150, help='simulated worlds')
     parser.add_argument('--first', type=int, default=0, help='number of the first world')
     parser.add_argument('--seconds', type=float, default=np.inf, help='collect for so long')
@@ -139,12 +138,13 @@ def run(o: Any) -> None:
     out = o.out or own_calibration(o.weights)
     check_writable(out)
     registrar = Registrar(RegistrarConfig(weights=o.weights))
-    collect(registrar, o.trials, o.first, o.first + o.worlds, o.seconds)
+    trials = o.trials / sha256(weights_file(o.weights))[:12]
+    collect(registrar, trials, o.first, o.first + o.worlds, o.seconds)
     if o.collect_only:
         return
-    files = sorted(o.trials.glob('world_*.safetensors'))
+    files = sorted(trials.glob('world_*.safetensors'))
     if len(files) < FOLDS:
-        raise GclError(f'{len(files)} worlds of trials in {o.trials}; {FOLDS} are the fewest')
+        raise GclError(f'{len(files)} worlds of trials in {trials}; {FOLDS} are the fewest')
     worlds = [load_trials(path) for path in files]
     figures = cross_validated(worlds, registrar.calibrations)
     print(figures)
@@ -162,9 +162,11 @@ def cross_validated(worlds: list[list[Trial]], start: Calibrations) -> str:
     """Judge the trials of each world by what was fitted on other worlds, and report."""
     seen: list[list[Trial]] = [[], []]
     outcomes: list[list[Verdicts]] = [[], []]
+    # Drawn, since what a world is follows from its number: a tunnel, say, is every twelfth.
+    folds = np.random.default_rng(0).permutation(len(worlds)) % FOLDS
     for fold in range(FOLDS):
-        fitted = fit_both([t for i, w in enumerate(worlds) if i % FOLDS != fold for t in w], start)
-        own = [t for i, w in enumerate(worlds) if i % FOLDS == fold for t in w]
+        fitted = fit_both([t for f, w in zip(folds, worlds) if f != fold for t in w], start)
+        own = [t for f, w in zip(folds, worlds) if f == fold for t in w]
         parts = zip(by_thickness(own), (fitted.whole, fitted.thin), strict=True)
         for k, (trials, calibration) in enumerate(parts):
             if trials:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import torch
@@ -28,6 +29,7 @@ SENSORS = {'hdl64e': 0.4, 'vlp16': 0.2, 'hdl32e': 0.15, 'os1_128': 0.15, 'pandar
 OTHER_SENSOR = 0.2  # of the worlds: the sources' differs from the targets'
 REPEATED_EVERY = 4  # every fourth world repeats one house
 TUNNEL_EVERY = 12  # of those, every third is a tunnel
+Scans = list[tuple[Sequence, int]]  # drives, and the index of a scan of each
 
 
 @dataclass(frozen=True)
@@ -118,52 +120,74 @@ def see(
     return Seen(registrar.view(moved, turns=turns), T_world_lidar)
 
 
-def street(
-    registrar: Registrar, seed: int, rng: np.random.Generator
-) -> tuple[list[Seen], list[Seen], str]:
-    """Two targets near the middle of a world; sources 5 to 55 m away, and one out of sight."""
+@dataclass(frozen=True)
+class World:
+    """Where the scans of a world are taken.
+
+    Attributes:
+        kind: of trials within it.
+        yaw: of all vehicles, radians, but for what `see` turns them by.
+        targets: two near the middle.
+        sources: three 5 to 55 m away, and one out of sight.
+    """
+
+    kind: str
+    yaw: float
+    targets: Scans
+    sources: Scans
+
+
+@lru_cache(maxsize=3)
+def world(seed: int) -> World:
+    """Draw a world, its vehicles and their places; no scan is taken yet."""
+    rng = np.random.default_rng([seed, 11])
     yaw = float(rng.uniform(-np.pi, np.pi))
     ours, theirs = sensors(seed)
-    drives: list[Sequence]
+    offsets = rng.uniform(5, 55, 3) * rng.choice([-1, 1], 3)
+    near = rng.integers(-8, 8, 2)
     if seed % REPEATED_EVERY == 0:
         drive = tunnel_or_houses(seed, ours)
-        drives = [drive if theirs == ours else tunnel_or_houses(seed, theirs)] * 4
+        other = drive if theirs == ours else tunnel_or_houses(seed, theirs)
         half = len(drive) // 2
-        chosen = half // 2 + rng.integers(-8, 8, 2)
-        offsets = rng.uniform(5, 55, 3) * rng.choice([-1, 1], 3)
         where = np.concatenate([half // 2 + offsets, [half + rng.integers(10, half - 10)]])
         indices = np.clip(where, 0, 2 * half - 1).astype(int).tolist()
-        targets = [see(registrar, drive, int(i), rng, yaw=yaw) for i in chosen]
-        kind = 'repeated'
-    else:
-        both = both_ways(seed, ours)
-        middle = len(both[0]) // 2
-        targets = [
-            see(registrar, d, int(middle + rng.integers(-8, 8)), rng, yaw=yaw) for d in both
-        ]
-        both = both if theirs == ours else both_ways(seed, theirs)
-        offsets = rng.uniform(5, 55, 3) * rng.choice([-1, 1], 3)
-        drives = [both[int(rng.integers(2))] for _ in range(4)]
-        indices = [*(middle + offsets).astype(int).tolist(), int(rng.choice([2, 2 * middle - 2]))]
-        kind = 'street'
+        targets = [(drive, int(half // 2 + i)) for i in near]
+        return World('repeated', yaw, targets, [(other, i) for i in indices])
+    both = both_ways(seed, ours)
+    others = both if theirs == ours else both_ways(seed, theirs)
+    middle = len(both[0]) // 2
+    away = int(rng.choice([2, 2 * middle - 2]))
+    indices = [*(middle + offsets).astype(int).tolist(), away]
+    targets = [(drive, int(middle + i)) for drive, i in zip(both, near, strict=True)]
+    return World('street', yaw, targets, [(others[int(rng.integers(2))], i) for i in indices])
+
+
+@lru_cache(maxsize=4)
+def targets_of(registrar: Registrar, seed: int) -> list[Seen]:
+    """Both targets of a world."""
+    rng, own = np.random.default_rng([seed, 13]), world(seed)
+    return [see(registrar, drive, i, rng, yaw=own.yaw) for drive, i in own.targets]
+
+
+def sources_of(registrar: Registrar, seed: int) -> list[Seen]:
+    """The four sources of a world, described at the registrar's number of headings."""
+    rng, own = np.random.default_rng([seed, 14]), world(seed)
     turns = registrar.config.turns
-    sources = [see(registrar, d, i, rng, turns=turns, yaw=yaw) for d, i in zip(drives, indices)]
-    return targets, sources, kind
+    return [see(registrar, drive, i, rng, turns=turns, yaw=own.yaw) for drive, i in own.sources]
 
 
-def encounters(registrar: Registrar, seed: int, others: list[Seen]) -> Iterator[Trial]:
-    """Trials of one world, and of its sources against targets of others.
+def encounters(registrar: Registrar, seed: int) -> Iterator[Trial]:
+    """Trials of one world, and of its sources against targets of the two worlds before it.
 
     Args:
         registrar: as it is to be calibrated.
-        seed: of the world; training must not have seen it.
-        others: targets of other worlds; this world's targets are added.
+        seed: of the world; training must not have seen it. All trials follow from it.
     """
-    rng = np.random.default_rng([seed, 11])
+    rng = np.random.default_rng([seed, 15])
     generator = torch.Generator().manual_seed(seed)
-    targets, sources, kind = street(registrar, seed, rng)
-    strangers = [others[i] for i in rng.permutation(len(others))[:2]]
-    for source in sources:
+    targets = targets_of(registrar, seed)
+    strangers = [targets_of(registrar, seed - k)[int(rng.integers(2))] for k in (1, 2)]
+    for source in sources_of(registrar, seed):
         for number, target in enumerate([*targets, *strangers]):
             stranger = number >= len(targets)
             T_true = se3.inverse(target.T_world_lidar) @ source.T_world_lidar
@@ -178,11 +202,10 @@ def encounters(registrar: Registrar, seed: int, others: list[Seen]) -> Iterator[
                     source=a,
                     target=b,
                     T_true=None if stranger else T_true,
-                    kind='unrelated' if stranger else kind,
+                    kind='unrelated' if stranger else world(seed).kind,
                 )
                 if trial is not None:
                     yield trial
-    others.extend(targets)
 
 
 def thin(

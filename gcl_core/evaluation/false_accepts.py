@@ -9,34 +9,33 @@ stopped and several processes can share the groups; the table is of all files of
 from __future__ import annotations
 
 import argparse
-import datetime
 import json
-import platform
 import time
 from collections.abc import Iterable
 from dataclasses import asdict, replace
 from pathlib import Path
 
-import torch
-
+from gcl_core.bench.measure import provenance
 from gcl_core.data.simulator.sensors import SENSORS
 from gcl_core.errors import GclError, bad_input_exits
 from gcl_core.evaluation import metrics
 from gcl_core.evaluation.accept_tables import Row, by_distance, by_kind, markdown
 from gcl_core.evaluation.adversaries import Case, group
-from gcl_core.evaluation.encounters import few_turns
-from gcl_core.files import check_writable, write_text
+from gcl_core.files import check_writable, sha256, write_text
 from gcl_core.models import zoo
 from gcl_core.progress import progress
-from gcl_core.registrar import Registrar, RegistrarConfig
+from gcl_core.registrar import Registrar, RegistrarConfig, View, calibration_file
 
-ALL_TURNS_EVERY = 12  # groups: one at all headings, the others at few
 PAIRS = 404  # of a group
 
 
 def judge(registrar: Registrar, case: Case) -> Row:
-    """Register one pair."""
-    result = registrar.register_views(source=case.source, target=case.target)
+    """Register one pair as `Registrar.register` does: at all headings if at few it is refused."""
+    for turns in registrar.config.looks:
+        source = at_headings(case.source, turns)
+        result = registrar.register_views(source=source, target=case.target)
+        if result.accepted:
+            break
     T, true = result.T_target_source, case.T_true
     meets = [
         true is not None and metrics.registered(T, true, criterion)
@@ -45,7 +44,7 @@ def judge(registrar: Registrar, case: Case) -> Row:
     distance = None if true is None else round(float((true[:3, 3] ** 2).sum() ** 0.5), 2)
     return Row(
         case.kind,
-        len(case.source.headings),
+        turns,
         distance,
         result.accepted,
         round(result.probability, 5),
@@ -55,21 +54,33 @@ def judge(registrar: Registrar, case: Case) -> Row:
     )
 
 
+def at_headings(view: View, turns: int) -> View:
+    """A view as described at fewer headings, evenly spaced among its own.
+
+    Raises:
+        GclError: they are none of its own.
+    """
+    every, rest = divmod(len(view.headings), turns)
+    if rest:
+        raise GclError(
+            f'{turns} of {len(view.headings)} headings are not evenly spaced; let first_turns '
+            'divide turns'
+        )
+    return replace(view, headings=view.headings[::every], turns=view.turns[::every])
+
+
 def measure(
     registrar: Registrar, folder: Path, sensor: str, numbers: Iterable[int], seconds: float
 ) -> None:
     """Write a file for each group that has none yet; stop after so many seconds."""
     check_writable(folder / sensor)
-    turns, few, began = registrar.config.turns, few_turns(registrar), time.monotonic()
+    began = time.monotonic()
     for number in numbers:
         path = folder / f'{sensor}_{number:04d}.json'
         if path.exists():
             continue
         if time.monotonic() - began > seconds:
             return
-        registrar.config = replace(
-            registrar.config, turns=turns if number % ALL_TURNS_EVERY == 0 else few
-        )
         cases = progress(group(registrar, number, sensor), desc=path.stem, unit='pair')
         rows = [asdict(judge(registrar, case)) for case in cases]
         write_text(path, json.dumps(rows) + '\n')
@@ -86,7 +97,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog='false_accepts', description=__doc__)
     parser.add_argument('--weights', default=RegistrarConfig().weights, help='name or file')
     parser.add_argument('--sensor', choices=SENSORS, default='hdl64e', help='on all vehicles')
-    parser.add_argument('--chunks', type=Path, default=Path('build/trust'), help='a file a group')
+    parser.add_argument(
+        '--chunks',
+        type=Path,
+        default=Path('build/trust'),
+        help='a file a group, by weights',
+    )
     parser.add_argument('--pairs', type=int, default=10_000, help='at least, in whole groups')
     parser.add_argument('--first', type=int, default=0, help='first group')
     parser.add_argument('--last', type=int, help='group after the last; for shards')
@@ -104,24 +120,21 @@ def run(o: argparse.Namespace) -> None:
     registrar = Registrar(RegistrarConfig(weights=o.weights))
     config = registrar.config
     last = o.first - (-o.pairs // PAIRS) if o.last is None else o.last
-    measure(registrar, o.chunks, o.sensor, range(o.first, last), o.seconds)
-    rows = load(o.chunks, o.sensor)
+    judge_files = (zoo.weights_file(o.weights), calibration_file(o.weights))
+    chunks = o.chunks / sha256(*judge_files)[:12]
+    measure(registrar, chunks, o.sensor, range(o.first, last), o.seconds)
+    rows = load(chunks, o.sensor)
     if not rows:
-        raise GclError(f'no group of pairs in {o.chunks}; ask for more --pairs or --seconds')
+        raise GclError(f'no group of pairs in {chunks}; ask for more --pairs or --seconds')
     print(markdown(rows))
     if o.out:
-        card = zoo.FOLDER / f'{o.weights}.json'
         content = {
-            'weights': json.loads(card.read_text())['sha256'] if card.is_file() else o.weights,
+            'weights': sha256(judge_files[0]),
+            'calibration': sha256(judge_files[1]),
             'sensor': o.sensor,
             'min_probability': config.min_probability,
-            'turns': {
-                'most groups': few_turns(registrar),
-                f'every {ALL_TURNS_EVERY}th': config.turns,
-            },
-            'machine': platform.processor() or platform.machine(),
-            'threads': torch.get_num_threads(),
-            'date': datetime.date.today().isoformat(),
+            'headings': config.looks,
+            'provenance': provenance(),
             'by_kind': by_kind(rows),
             'true_by_distance': by_distance(rows),
         }

@@ -28,8 +28,10 @@ from gcl_core.evaluation.predict import (
     turned_pair,
 )
 from gcl_core.evaluation.records import from_line, mend, merged, read_lines, to_line
+from gcl_core.files import sha256
 from gcl_core.models import zoo
 from gcl_core.progress import progress
+from gcl_core.registrar import calibration_file
 from gcl_core.training.distributed import Processes
 
 DECIDES = ('source', 'pairs', 'random_yaw', 'seed', 'methods', 'overlap')  # what is predicted
@@ -183,10 +185,10 @@ def _prediction(outcome: Outcome, peak: float, known: dict[str, Any]) -> Predict
 
 
 def fingerprint(config: BenchmarkConfig) -> str:
-    """Hash of all that decides the predictions, the weights' content among it."""
+    """Hash of all that decides the predictions, weights and calibration among it."""
     values = asdict(config)
     weights = {
-        method.registrar.weights: _file_hash(method.registrar.weights)
+        method.registrar.weights: _content(method.registrar.weights)
         for method in config.methods
         if isinstance(method, Ours | Estimators)
     }
@@ -194,17 +196,15 @@ def fingerprint(config: BenchmarkConfig) -> str:
     return hashlib.sha256(json.dumps(decided, sort_keys=True).encode()).hexdigest()
 
 
-def _file_hash(weights: str) -> str:
-    path = Path(weights)
-    if path.suffix != '.safetensors':
-        path = zoo.FOLDER / f'{weights}.safetensors'
-    return hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else ''
+def _content(weights: str) -> str:
+    path = zoo.weights_file(weights)
+    return sha256(path, calibration_file(weights)) if path.is_file() else ''
 
 
 def _differing(held: dict[str, Any], config: BenchmarkConfig) -> str:
     now = json.loads(json.dumps(asdict(config)))
     keys = [key for key in DECIDES if held.get(key) != now[key]]
-    return f'another config ({", ".join(keys) or "the content of the weights"} differs)'
+    return f'another config ({", ".join(keys) or "weights or calibration"} differs)'
 
 
 def _drawn(text: str) -> list[Drawn]:

@@ -58,8 +58,8 @@ class LossConfig:
             )
         if self.contrast == 0 and self.gcl_from > 0:
             raise GclError(
-                f'loss.gcl_from is {self.gcl_from:g} and loss.contrast 0: nothing is learnt before '
-                'the other losses join; set loss.gcl_from to 0'
+                f'loss.gcl_from is {self.gcl_from:g} and loss.contrast 0, so that nothing is '
+                'learnt before the other losses join; set gcl_from to 0'
             )
 
     def ramp(self, progress: float) -> float:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -14,7 +13,7 @@ from safetensors.torch import save_file
 
 from gcl_core.config import from_mapping, read_json
 from gcl_core.errors import GclError
-from gcl_core.files import whole_file, write_text
+from gcl_core.files import sha256, whole_file, write_text
 from gcl_core.models.backbone import Backbone
 from gcl_core.models.kpconv_resunet import KPConvConfig, KPConvResUNet
 from gcl_core.models.resunet import ResUNet, ResUNetConfig
@@ -51,9 +50,14 @@ def save_weights(path: Path, model: Backbone[Any, Any], record: dict[str, Any]) 
     network = json.dumps(asdict(model.config))
     with whole_file(path) as part:
         save_file(tensors, part, metadata={'format': FORMAT, 'network': network})
-        digest = hashlib.sha256(part.read_bytes()).hexdigest()
-        card = {'sha256': digest, 'network': asdict(model.config), **record}
+        card = {'sha256': sha256(part), 'network': asdict(model.config), **record}
         write_text(path.with_suffix('.json'), json.dumps(card, indent=2) + '\n')
+
+
+def weights_file(name_or_path: str) -> Path:
+    """Where weights lie: a shipped name or a `.safetensors` file."""
+    path = Path(name_or_path)
+    return path if path.suffix == '.safetensors' else FOLDER / f'{name_or_path}.safetensors'
 
 
 def load_weights(name_or_path: str = DEFAULT) -> Backbone[Any, Any]:
@@ -62,9 +66,7 @@ def load_weights(name_or_path: str = DEFAULT) -> Backbone[Any, Any]:
     Raises:
         GclError: no such weights, a broken file, or one of another format.
     """
-    path = Path(name_or_path)
-    if path.suffix != '.safetensors':
-        path = FOLDER / f'{name_or_path}.safetensors'
+    path = weights_file(name_or_path)
     if not path.is_file():
         shipped = ', '.join(sorted(p.stem for p in FOLDER.glob('*.safetensors'))) or 'none'
         raise GclError(f'no weights {name_or_path!r}; shipped are: {shipped}, or give a file')
@@ -109,7 +111,7 @@ def _check_hash(path: Path) -> None:
         return
     record = read_json(card, 'restore it, or remove it')
     expected = record.get('sha256') if isinstance(record, dict) else None
-    found = hashlib.sha256(path.read_bytes()).hexdigest()
+    found = sha256(path)
     if expected != found:
         raise GclError(
             f'{path} has sha256 {found[:12]}…, its record says {str(expected)[:12]}…; '

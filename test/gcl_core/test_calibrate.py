@@ -14,7 +14,15 @@ from gcl_core.estimation.decision import Finalist, summary
 from gcl_core.estimation.evidence import SIGNS
 from gcl_core.estimation.refine import Refined
 from gcl_core.evaluation import calibrate
-from gcl_core.evaluation.encounters import roughened, street, thin
+from gcl_core.evaluation import encounters as encounters_module
+from gcl_core.evaluation.encounters import (
+    encounters,
+    roughened,
+    sources_of,
+    targets_of,
+    thin,
+    world,
+)
 from gcl_core.evaluation.reliability import fit_spread, joined, report, verdicts
 from gcl_core.evaluation.repeated import RepeatedSequence
 from gcl_core.evaluation.trials import (
@@ -25,6 +33,8 @@ from gcl_core.evaluation.trials import (
     run_trial,
     save_trials,
 )
+from gcl_core.files import sha256
+from gcl_core.models.zoo import weights_file
 from gcl_core.registrar import Registrar, RegistrarConfig, calibration_file
 
 
@@ -109,9 +119,11 @@ def test_trials_survive_a_file(tmp_path):
 
 
 def test_command_writes_a_calibration_that_loads(tmp_path, capsys):
-    for world in range(6):
-        trials = [*made_up(60, seed=world), *made_up(60, seed=world, points=1000)]
-        save_trials(tmp_path / f'world_{world:05d}.safetensors', trials)
+    folder = tmp_path / sha256(weights_file(RegistrarConfig().weights))[:12]
+    folder.mkdir()
+    for number in range(6):
+        trials = [*made_up(60, seed=number), *made_up(60, seed=number, points=1000)]
+        save_trials(folder / f'world_{number:05d}.safetensors', trials)
     options = argparse.Namespace(
         weights=RegistrarConfig().weights,
         trials=tmp_path,
@@ -162,11 +174,25 @@ def test_repeated_streets_repeat(drive):
 
 @pytest.mark.parametrize('seed', [12, 16])
 def test_places_that_look_alike_are_tried_within_sight_and_out_of_it(registrar, seed):
-    targets, sources, kind = street(registrar, seed, np.random.default_rng(seed))
-    assert kind == 'repeated'
+    targets, sources = targets_of(registrar, seed), sources_of(registrar, seed)
+    assert world(seed).kind == 'repeated'
     away = [np.linalg.norm((s.T_world_lidar - targets[0].T_world_lidar)[:3, 3]) for s in sources]
     assert max(away[:3]) < 75.0
     assert away[3] > 45.0
+
+
+def test_trials_of_a_world_do_not_depend_on_what_ran_before(registrar, monkeypatch):
+    monkeypatch.setattr(encounters_module, 'run_trial', lambda _, **pair: pair)
+    after_another = [list(encounters(registrar, seed)) for seed in (21, 22)][1]
+    for cached in (targets_of, world):
+        cached.cache_clear()
+    alone = list(encounters(registrar, 22))
+    assert [t['kind'] for t in alone] == [t['kind'] for t in after_another]
+    assert {t['kind'] for t in alone} == {'street', 'unrelated'}
+    for a, b in zip(alone, after_another):
+        for side in ('source', 'target'):
+            features = a[side].headings[0], b[side].headings[0]
+            assert torch.equal(features[0].descriptors, features[1].descriptors)
 
 
 def test_roughening_keeps_the_scan(drive):

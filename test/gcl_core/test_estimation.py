@@ -76,8 +76,8 @@ def test_too_few_correspondences_find_nothing(count):
 def test_bad_settings_are_named():
     with pytest.raises(GclError, match='threshold is -1'):
         RansacConfig(threshold=-1)
-    with pytest.raises(GclError, match='confidence is 1.5'):
-        RansacConfig(confidence=1.5)
+    with pytest.raises(GclError, match='confidence is 2'):
+        RansacConfig(confidence=2)
 
 
 @pytest.mark.parametrize('limit', [3, 40, 1000])

@@ -2,6 +2,7 @@
 
 import argparse
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -24,6 +25,21 @@ def row(kind='unrelated', accepted=False, right=False, near=False, distance=None
     return Row(kind, 1, distance, accepted, 0.99 if accepted else 0.1, right, near, '')
 
 
+def test_what_few_headings_refuse_is_looked_at_with_all(drive):
+    """As in `Registrar.register`: headings that are 30 degrees off find it among twelve alone."""
+    registrar = Registrar()
+    source = registrar.view(drive.scan(120), turns=12)
+    T_true = se3.inverse(drive.T_world_lidar(90)) @ drive.T_world_lidar(120)
+    first = adversaries.Case('true', source, registrar.view(drive.scan(90)), T_true)
+    headings = [*source.headings[1:], source.headings[0]]
+    off = replace(source, headings=headings, turns=source.turns.roll(-1, 0))
+    looked = [false_accepts.judge(registrar, case) for case in (first, replace(first, source=off))]
+    assert [row.turns for row in looked] == [4, 12]
+    assert all(row.accepted and row.right for row in looked)
+    with pytest.raises(GclError, match='divide'):
+        false_accepts.at_headings(source, 5)
+
+
 def test_tables_count_what_they_say():
     rows = [row()] * 8 + [row(accepted=True, near=True), row(accepted=True)]
     rows += [row('true', True, True, True, 12.0), row('true', False, True, True, 15.0)]
@@ -43,7 +59,8 @@ def test_a_run_goes_on_where_it_was_stopped(registrar, tmp_path, monkeypatch, ca
     def few(registrar, number, sensor):
         made.append(number)
         drive = BarrenSequence(number, 'field', sensor=sensor)
-        view = see(registrar, drive, 60, np.random.default_rng(0)).view
+        turns = registrar.config.turns
+        view = see(registrar, drive, 60, np.random.default_rng(0), turns=turns).view
         yield adversaries.Case('field', view, view, None)
 
     monkeypatch.setattr(false_accepts, 'group', few)

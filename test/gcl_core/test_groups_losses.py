@@ -148,7 +148,7 @@ def test_groups_of_two_are_the_pair_wise_loss():
 
 
 def test_a_recipe_that_learns_nothing_at_first_is_refused():
-    with pytest.raises(GclError, match='set loss.gcl_from to 0'):
+    with pytest.raises(GclError, match='set gcl_from to 0'):
         LossConfig(contrast=0, gcl_from=0.5)
 
 
