@@ -2,7 +2,7 @@
 
     python -m gcl_core.bench.results --data DIR
 
-Runs `config/bench_simulated.yaml` and, with `--data` or GCL_DATA, `config/bench_real.yaml`. What
+Runs `config/bench_simulated.yaml` and, with `--data` or GCL_REAL_DATA, `config/bench_real.yaml`. What
 was measured stays in the folder of the runs: a second call goes on where the first was stopped.
 Run it when nothing else runs.
 """
@@ -39,7 +39,7 @@ CONFIGS = Path(__file__).parents[2] / 'config'
 def main(arguments: list[str] | None = None) -> None:
     """Measure, write both files."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('--data', type=Path, default=os.environ.get('GCL_DATA') or None)
+    parser.add_argument('--data', type=Path, default=os.environ.get('GCL_REAL_DATA') or None)
     parser.add_argument('--out', type=Path, default=Path('docs/results.md'))
     parser.add_argument('--json', type=Path, default=Path('bench/results.json'))
     parser.add_argument('--folder', type=Path, default=Path('build/bench'), help='of the runs')

@@ -241,7 +241,7 @@ def test_the_results_of_make_bench(data, tmp_path, monkeypatch, capsys):
     text = text.replace('methods: [{kind: peer, name: gicp}]', more)
     (tmp_path / 'bench_simulated.yaml').write_text(text)
     monkeypatch.setattr(bench, 'CONFIGS', tmp_path)
-    monkeypatch.delenv('GCL_DATA', raising=False)
+    monkeypatch.delenv('GCL_REAL_DATA', raising=False)
     arguments = ['--out', str(tmp_path / 'r.md'), '--json', str(tmp_path / 'r.json')]
     arguments += ['--folder', str(tmp_path / 'runs'), '--without', 'fpfh', 'kiss_matcher']
     bench.main(arguments)
