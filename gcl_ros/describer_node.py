@@ -25,6 +25,7 @@ from gcl_ros.diagnostics import Diagnostics, Report
 from gcl_ros.feature_cloud import describe, fill_feature_cloud, weights_hash
 from gcl_ros.lifecycle import ConfiguredNode, run
 from gcl_ros.limits import MAX_POINTS, check_limits
+from gcl_ros.rhythm import Throttle
 from gcl_ros.wire import header_of, subscribe
 
 
@@ -67,7 +68,8 @@ class DescriberNode(ConfiguredNode[DescriberConfig]):
         self._hash = ''
         self._publisher: Any = None
         self._input: Any = None
-        self._heard = self._described = 0.0
+        self._heard = 0.0
+        self._throttle = Throttle()
         self._figures: dict[str, str] = {}
         self._fault = ''
         self._diagnostics = Diagnostics(self, self._report, self.steady)
@@ -87,6 +89,7 @@ class DescriberNode(ConfiguredNode[DescriberConfig]):
         config = self.config
         policy = ReliabilityPolicy.RELIABLE if config.reliable else ReliabilityPolicy.BEST_EFFORT
         qos = QoSProfile(depth=1, reliability=policy)
+        self._fault, self._figures, self._throttle = '', {}, Throttle()
         self._heard = time.monotonic()
         self._input = subscribe(self, PointCloud2, 'points', self._receive, self._refuse, qos)
         self.get_logger().info(f'ready; weights {config.weights} ({self._hash})')
@@ -109,9 +112,8 @@ class DescriberNode(ConfiguredNode[DescriberConfig]):
 
     def _receive(self, message: PointCloud2) -> None:
         self._heard = time.monotonic()
-        if self._heard - self._described < 1 / self.config.max_rate:
+        if not self._throttle.passes(self._heard, self.config.max_rate):
             return
-        self._described = self._heard
         try:
             features = self._describe(message)
         except GclError as error:

@@ -151,6 +151,8 @@ class Exchange:
             known = [look_at(between)]
         if config.turns == 1:
             return known
+        if turned.headings == 1:
+            return [Look()]
         every = [turned.headings] if turned.headings else config.looks
         return list(dict.fromkeys([*known, *(Look(turns) for turns in every)]))
 

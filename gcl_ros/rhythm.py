@@ -1,4 +1,4 @@
-"""When the next pair of clouds is due, from when the last ones came."""
+"""When the next cloud or pair is due, from when the last ones came."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections import deque
 
 KEPT = 5  # arrivals that the period is taken from
 SHORTEST, LONGEST = 0.5, 1.2  # periods after an arrival between which the next is awaited
+JITTER = 0.25  # of a period, by which regular clouds may come early
 FASTEST_WORK = 0.25  # seconds: for slower streams no pair is worth waiting for
 
 
@@ -43,3 +44,17 @@ class Rhythm:
         if period is None or period > FASTEST_WORK or not self.expects(now):
             return 0.0
         return LONGEST * period - (now - self._arrivals[-1])
+
+
+class Throttle:
+    """At most so many a second on average, and all of a regular stream of that rate."""
+
+    def __init__(self) -> None:
+        self._due = float('-inf')
+
+    def passes(self, now: float, rate: float) -> bool:
+        """Whether what comes now, monotonic seconds, is taken."""
+        if now < self._due:
+            return False
+        self._due = max(self._due + 1 / rate, now + (1 - JITTER) / rate)
+        return True

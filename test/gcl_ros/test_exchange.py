@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import PointCloud2, PointField
 
@@ -119,6 +121,14 @@ def test_describer_to_registrar(rig, meeting):
     assert transforms[0].child_frame_id == 'source_lidar'
 
 
+def test_a_single_heading_is_looked_at_once(exchange, turned):
+    """Both come described at one: a heading from memory offers nothing else."""
+    source, target = (exchange.read(described(exchange, points, 1)) for points in turned[:2])
+    registered = exchange.register(source=source, target=target, yaw=0.02)
+    assert not registered.result.accepted
+    assert registered.headings == 1
+
+
 def test_describer_says_what_is_wrong_and_lives(rig, meeting):
     rig.add(DescriberNode, silence=1.0)
     points = rig.node.create_publisher(PointCloud2, '/points', QoSProfile(depth=1))
@@ -127,6 +137,11 @@ def test_describer_says_what_is_wrong_and_lives(rig, meeting):
     empty, far = raw(meeting[0][:0]), raw(meeting[0] + 1e4)
     assert rig.until(lambda: rig.says('is empty'), every=lambda: points.publish(empty))
     assert rig.until(lambda: rig.says('within 80 m'), every=lambda: points.publish(far))
+    for transition in (Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_ACTIVATE):
+        request = ChangeState.Request()
+        request.transition.id = transition
+        assert rig.call(ChangeState, '/describer/change_state', request).success
+    assert rig.until(lambda: rig.says('points silent for'))  # no longer what was wrong before
     assert not features
     good = raw(meeting[0])
     assert rig.until(lambda: features, every=lambda: points.publish(good))

@@ -1,10 +1,11 @@
 """What a slow consumer does with streams that come regularly."""
 
+import numpy as np
 import pytest
 
 from gcl_ros.pairing import Pairing
 from gcl_ros.pairings import Pairings
-from gcl_ros.rhythm import Rhythm
+from gcl_ros.rhythm import Rhythm, Throttle
 
 
 def heard(*times: float) -> Rhythm:
@@ -18,6 +19,16 @@ def heard(*times: float) -> Rhythm:
 def tenth():
     """Pairs every 0.1 s, the last at 1.0."""
     return heard(*(k / 10 for k in range(11)))
+
+
+@pytest.mark.parametrize(
+    ('stream', 'taken'), [(10.0, 100), (20.0, 100), (5.0, 50)], ids=['same', 'twice', 'half']
+)
+def test_a_regular_stream_passes_in_spite_of_jitter(stream, taken):
+    """Ten seconds at most 10 Hz; clouds come up to 10 ms early or late."""
+    throttle, jitter = Throttle(), np.random.default_rng(0).uniform(-0.01, 0.01, 1000)
+    passed = sum(throttle.passes(k / stream + jitter[k], 10.0) for k in range(int(10 * stream)))
+    assert passed == pytest.approx(taken, abs=2)
 
 
 def test_nothing_is_foretold_from_one_pair():
