@@ -115,6 +115,8 @@ class Outputs:
         for publisher in (self._transform, self._pose, self._aligned, self._matches):
             if publisher is not None:
                 self._node.destroy_publisher(publisher)
+        if self._broadcaster is not None:
+            self._node.destroy_publisher(self._broadcaster.pub_tf)
 
 
 def _tf_broadcaster(node: Node) -> Any:

@@ -23,7 +23,9 @@ from gcl_core.errors import GclError
 from gcl_ros.bag import TRUTH
 from gcl_ros.conversions import matrix, seconds
 
-PROFILE = Path(__file__).parents[1] / 'config' / 'fastdds.xml'
+FOLDERS = Path(__file__).resolve().parents
+PLACES = FOLDERS[1], *(folder / 'share/gcl_ros' for folder in FOLDERS)  # a checkout; a prefix
+PROFILE = next((p for place in PLACES if (p := place / 'config/fastdds.xml').is_file()), None)
 LAST_PAIR = 15.0  # seconds that the node has for the last pair after the bag has ended
 
 
@@ -96,7 +98,12 @@ def process(
 
 def local_dds() -> None:
     """Let this process and its children talk on this machine only, big clouds included."""
-    os.environ.setdefault('FASTDDS_DEFAULT_PROFILES_FILE', str(PROFILE))
+    if 'FASTDDS_DEFAULT_PROFILES_FILE' not in os.environ:
+        if PROFILE is None:
+            raise GclError(
+                'config/fastdds.xml was not installed; set FASTDDS_DEFAULT_PROFILES_FILE to a copy'
+            )
+        os.environ['FASTDDS_DEFAULT_PROFILES_FILE'] = str(PROFILE)
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
 
 

@@ -64,5 +64,15 @@ def test_registrar_runs_from_the_ament_index(workspace, tmp_path):
     share = prefix / 'share' / 'gcl_ros'
     for file in ('config/registrar.yaml', 'launch/replay.launch.py', 'rviz/registrar.rviz'):
         assert (share / file).exists()
+    find = 'from gcl_ros.session import PROFILE; print(PROFILE)'
+    profile = subprocess.run(
+        [sys.executable, '-c', find],
+        cwd=tmp_path,
+        env=environment,
+        check=True,
+        capture_output=True,
+        text=True,
+    )
+    assert Path(profile.stdout.strip()) == share / 'config/fastdds.xml'
     for program in ('describer', 'replay', 'evaluate_bag'):
         assert (prefix / 'lib' / 'gcl_ros' / program).exists()

@@ -2,9 +2,9 @@
 
     python -m gcl_core.bench.results --data DIR
 
-Runs `config/bench_simulated.yaml` and, with `--data` or GCL_REAL_DATA, `config/bench_real.yaml`. What
-was measured stays in the folder of the runs: a second call goes on where the first was stopped.
-Run it when nothing else runs.
+Runs `config/bench_simulated.yaml` and, with `--data` or GCL_REAL_DATA, `config/bench_real.yaml`.
+What was measured stays in the folder of the runs: a second call goes on where the first was
+stopped. Run it when nothing else runs.
 """
 
 from __future__ import annotations

@@ -227,10 +227,10 @@ def test_tf_is_broadcast_where_it_is_asked_for(rig, meeting, monkeypatch):
 
     class TransformBroadcaster:
         def __init__(self, node):
-            self.publisher = node.create_publisher(TransformStamped, '/tf_stand_in', 10)
+            self.pub_tf = node.create_publisher(TransformStamped, '/tf_stand_in', 10)
 
         def sendTransform(self, transform):
-            self.publisher.publish(transform)
+            self.pub_tf.publish(transform)
 
     module.TransformBroadcaster = TransformBroadcaster
     monkeypatch.setitem(sys.modules, 'tf2_ros', module)
@@ -240,3 +240,6 @@ def test_tf_is_broadcast_where_it_is_asked_for(rig, meeting, monkeypatch):
     send = lambda: rig.send(source=meeting[0], target=meeting[1])  # noqa: E731
     assert rig.until(lambda: heard, every=send)
     assert heard[0].child_frame_id == 'source_lidar'
+    for transition in TRANSITIONS[2:]:  # back to unconfigured
+        assert change(rig, transition)
+    assert rig.until(lambda: not rig.node.count_publishers('/tf_stand_in'))
