@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
@@ -16,7 +17,7 @@ from gcl_core.types import PointCloud, Registration
 from gcl_ros import health
 from gcl_ros.conversions import seconds
 from gcl_ros.diagnostics import Report
-from gcl_ros.exchange import Exchange
+from gcl_ros.exchange import Exchange, Registered
 from gcl_ros.heading import Heading
 from gcl_ros.outputs import Outputs, Wanted
 from gcl_ros.pairing import Pairing, Side
@@ -45,6 +46,8 @@ class Link:
         self.heading = Heading(0.0)
         self.health = health.Health(name)
         self._last: dict[Side, PointCloud2] = {}
+        self._resets = 0
+        self._telling = threading.Lock()  # held while an outcome is published, or all is forgotten
 
     def begin(
         self, pairing: Pairing[PointCloud2], motion: MotionConfig, heading_memory: float
@@ -68,12 +71,14 @@ class Link:
 
     def reset(self) -> None:
         """Forget pairs, stamps, counts and the track."""
-        if self.pairing is not None:
-            self.pairing.reset()
-        if self._tracking is not None:
-            self._tracking.reset()
-        self.heading.forget()
-        self.health = health.Health(self.name, began=time.monotonic())
+        with self._telling:
+            self._resets += 1  # what is at work belongs to the past
+            if self.pairing is not None:
+                self.pairing.reset()
+            if self._tracking is not None:
+                self._tracking.reset()
+            self.heading.forget()
+            self.health = health.Health(self.name, began=time.monotonic())
 
     def heard(self, side: Side, message: PointCloud2) -> None:
         """Note a cloud."""
@@ -94,19 +99,33 @@ class Link:
             exchange: reads and registers.
             source: message.
             target: message.
-            wanted: whether results still are; None comes back if not.
+            wanted: whether results still are; None comes back if not, or after `reset`.
         """
+        resets = self._resets
         scans = {
             'source': exchange.read(source, deskew=partial(self._deskewed, 'source')),
             'target': exchange.read(target, deskew=partial(self._deskewed, 'target')),
         }
-        stamps = {side: seconds(m.header.stamp) for side, m in zip(scans, (source, target))}
-        yaw = self._expected(max(stamps.values()))
+        yaw = self._expected(max(seconds(m.header.stamp) for m in (source, target)))
         registered = exchange.register(**scans, yaw=yaw)
-        result, outputs = registered.result, self._outputs
         self._swapped = registered.swapped
-        if not wanted():
-            return None
+        with self._telling:
+            if not wanted() or resets != self._resets:
+                return None
+            self._tell(exchange, registered, scans['source'].cloud, source, target)
+        return registered.result
+
+    def _tell(
+        self,
+        exchange: Exchange,
+        registered: Registered,
+        cloud: PointCloud,
+        source: PointCloud2,
+        target: PointCloud2,
+    ) -> None:
+        """Publish a registration if it is accepted, and remember what came out."""
+        result, outputs = registered.result, self._outputs
+        stamps = {'source': seconds(source.header.stamp), 'target': seconds(target.header.stamp)}
         if result.accepted:
             self.heading.found(max(stamps.values()), result.T_target_source)
             together = result
@@ -114,11 +133,10 @@ class Link:
                 together = self._tracking.registered(result, target.header.frame_id, **stamps)
             outputs.publish(together, source=source, target=target)
             matches = exchange.agreeing(registered) if outputs.wants_matches else None
-            outputs.show(result, target=target, cloud=scans['source'].cloud, matches=matches)
+            outputs.show(result, target=target, cloud=cloud, matches=matches)
         age = self._node.get_clock().now().nanoseconds * 1e-9 - max(stamps.values())
         dt = stamps['source'] - stamps['target']
         self.health.done(health.Outcome(result, age, dt, registered.headings))
-        return result
 
     def prepare(self, exchange: Exchange, side: Side, message: PointCloud2) -> None:
         """Describe a cloud whose partner is about to come; what is wrong with it is told then.
@@ -138,7 +156,7 @@ class Link:
     def _expected(self, stamp: float) -> float | None:
         """Heading of the transform to come, radians, if one is known."""
         if self._tracking is not None and self.heading.memory > 0:
-            carried = self._tracking.heading
+            carried = self._tracking.heading_at(stamp)
             return self.heading.at(stamp) if carried is None else carried
         return self.heading.at(stamp)
 
@@ -148,7 +166,7 @@ class Link:
     def report(self, limits: health.Limits, state: str) -> Report:
         """For the diagnostics, while active."""
         now, about = time.monotonic(), '' if self.name == SINGLE else self.name
-        level, message = self.health.judge(now, limits, self.pairing.offset())
+        level, message = self.health.judge(now, limits, self.pairing.offset(limits.silence))
         figures = {'state': state, **self.health.figures(now, self.pairing.counts)}
         figures['clouds waiting'] = str(self.pairing.waiting)
         if self._tracking is not None:

@@ -15,6 +15,7 @@ M = TypeVar('M')
 Side = Literal['source', 'target']
 SIDES: tuple[Side, Side] = ('source', 'target')
 JUMP = 1.0  # seconds back: a bag that starts again or a clock that was set, not mere disorder
+NEARER = 0.75  # of a pair's difference in time: what is so near takes the partner's place
 
 
 @dataclass(frozen=True)
@@ -34,6 +35,16 @@ class Counts:
     unpaired: int = 0
     late: int = 0
     jumps: int = 0
+
+
+@dataclass(frozen=True)
+class _Half(Generic[M]):
+    """The newer message of the last pair, and how far its partner was from it in time."""
+
+    side: Side
+    stamp: float
+    message: M
+    dt: float
 
 
 class Pairing(Generic[M]):
@@ -70,6 +81,8 @@ class Pairing(Generic[M]):
         self._newest: tuple[M, M] | None = None
         self._taken: tuple[M, M] | None = None
         self._newest_stamp = float('-inf')
+        self._half: _Half[M] | None = None
+        self._paired_at = float('-inf')
         self._early: tuple[Side, M] | None = None
         self._rhythm = Rhythm()
 
@@ -87,23 +100,38 @@ class Pairing(Generic[M]):
             self._last[side] = stamp
             candidates = self._waiting[other]
             partner = min(candidates, key=lambda item: abs(item[0] - stamp), default=None)
-            if partner is None or abs(partner[0] - stamp) > self.max_dt:
+            apart = self.max_dt if partner is None else abs(partner[0] - stamp)
+            half = self._half if self._half and self._half.side == other else None
+            if half and abs(half.stamp - stamp) < min(apart, NEARER * half.dt):
+                # Else two streams out of step stay paired with the wrong neighbour for good.
+                self._forget(side, stamp)
+                self._pair(side, stamp, message, half.stamp, half.message)
+                return
+            if partner is None or apart > self.max_dt:
                 self._keep(side, stamp, message)
                 return
             self._forget(other, partner[0])
             self._forget(side, stamp)
-            self._count(unpaired=-1, pairs=1)  # the partner was forgotten, but not alone
-            newest = max(stamp, partner[0])
-            if newest < self._newest_stamp:
-                self._count(late=1)
-                return
-            self._newest_stamp = newest
-            self._count(replaced=self._newest is not None)
-            self._rhythm.arrived(self._clock())
-            self._early = None
-            pair = (message, partner[1])
-            self._newest = pair if side == 'source' else (pair[1], pair[0])
-            self._ready.notify_all()
+            self._count(unpaired=-1)  # the partner was forgotten, but not alone
+            self._pair(side, stamp, message, *partner)
+
+    def _pair(self, side: Side, stamp: float, message: M, other_stamp: float, other: M) -> None:
+        """Offer a message with its partner, unless they are older than the last pair."""
+        self._count(pairs=1)
+        newest = max(stamp, other_stamp)
+        if newest < self._newest_stamp:
+            self._count(late=1)
+            return
+        self._newest_stamp = newest
+        self._count(replaced=self._newest is not None)
+        self._paired_at = self._clock()
+        self._rhythm.arrived(self._paired_at)
+        self._early = None
+        self._newest = (message, other) if side == 'source' else (other, message)
+        newer: Side = side if stamp >= other_stamp else SIDES[side == 'source']
+        half = message if newer == side else other
+        self._half = _Half(newer, newest, half, abs(stamp - other_stamp))
+        self._ready.notify_all()
 
     def _keep(self, side: Side, stamp: float, message: M) -> None:
         """Let a message wait for its partner; the oldest goes when there are too many."""
@@ -124,10 +152,14 @@ class Pairing(Generic[M]):
         waiting.clear()
         waiting.extend(kept)
 
-    def offset(self) -> float | None:
-        """Newest stamp of the source minus that of the target, seconds; None without either."""
+    def offset(self, lately: float) -> float | None:
+        """Newest stamp of the source minus that of the target, seconds.
+
+        None without either, and while a pair came within the last `lately` seconds: one stream may
+        be slower or later than the other without harm.
+        """
         with self._ready:
-            if len(self._last) < 2:
+            if len(self._last) < 2 or self._clock() - self._paired_at < lately:
                 return None
             return self._last['source'] - self._last['target']
 
@@ -170,7 +202,8 @@ class Pairing(Generic[M]):
     @property
     def due(self) -> bool:
         """Whether a pair is to be taken."""
-        return self._asked or (self._newest is not None and not self.on_demand)
+        asked = self._asked and self.has_pair  # none is left after a jump back in time
+        return asked or (self._newest is not None and not self.on_demand)
 
     @property
     def wait(self) -> float:

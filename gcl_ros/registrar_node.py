@@ -18,6 +18,7 @@ from functools import partial
 from typing import Any
 
 import rclpy
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import Trigger
@@ -49,8 +50,8 @@ class NodeConfig:
 
     Attributes:
         autostart: configure and activate at start; otherwise wait for lifecycle transitions.
-        sources: vehicles to register to the target, each with its topic NAME/points. A single
-            one called `source` publishes on `~/`, others on `~/NAME/`.
+        sources: vehicles to register to the target, each with its topic NAME/points. One called
+            `source` publishes on `~/`, others on `~/NAME/`.
         max_pair_dt: clouds whose stamps differ by more than this are no pair, seconds.
         reliable: reliable subscriptions; they do not match best-effort publishers.
         on_demand: register a pair only when `~/trigger` is called.
@@ -112,7 +113,9 @@ class RegistrarNode(ConfiguredNode[NodeConfig]):
         self._worker: Worker[Work] | None = None
         self._inputs: list[Any] = []
         self._answers = Answers()
-        self.create_service(Trigger, '~/trigger', self._trigger)
+        self._callers = 0  # who had called for a pair when the one at work was taken
+        alone = ReentrantCallbackGroup()  # a caller that waits holds up nothing else
+        self.create_service(Trigger, '~/trigger', self._trigger, callback_group=alone)
         self.create_service(Trigger, '~/reset', self._reset)
         self._diagnostics = Diagnostics(self, self._report, self.steady)
 
@@ -210,6 +213,7 @@ class RegistrarNode(ConfiguredNode[NodeConfig]):
 
     def _register(self, work: Work) -> None:
         name, source, target = work
+        self._callers = self._answers.calls
         link, exchange = self._links[name], self._exchange
         if source is None or target is None:
             side: Side = 'target' if source is None else 'source'
@@ -217,13 +221,14 @@ class RegistrarNode(ConfiguredNode[NodeConfig]):
             return
         result = link.register(exchange, source, target, wanted=lambda: not self._worker.stopping)
         if result is not None:
-            self._answers.outcome(name, result.accepted, describe(result))
-            self.get_logger().info(f'{name}: {describe(result)}, {result.ms["total"]:.0f} ms')
+            told = describe(result)
+            self._answers.outcome(name, result.accepted, told, calls=self._callers)
+            self.get_logger().info(f'{name}: {told}, {result.ms["total"]:.0f} ms')
 
     def _left_out(self, work: Work, reason: str) -> None:
         name = work[0]
         self._links[name].health.failed(reason)
-        self._answers.outcome(name, False, f'pair left out: {reason}')
+        self._answers.outcome(name, False, f'pair left out: {reason}', calls=self._callers)
         self.get_logger().error(f'{name}: pair left out: {reason}')
 
     async def _trigger(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
@@ -248,6 +253,7 @@ class RegistrarNode(ConfiguredNode[NodeConfig]):
         """Forget pairs, stamps and counts."""
         for link in self._links.values():
             link.reset()
+        self._answers.give_up('reset: pairs were forgotten')
         response.success, response.message = True, 'pairs, stamps and counts forgotten'
         return response
 

@@ -157,14 +157,11 @@ class Tracking:
             result, T_target_source=together.T_target_source, covariance=together.covariance
         )
 
-    @property
-    def heading(self) -> float | None:
+    def heading_at(self, stamp: float) -> float | None:
         """Yaw of the relative pose, radians; None unless a registration agreed with it lately."""
         with self._lock:
             estimate = self._filter.estimate
-            if estimate is None:
-                return None
-            if estimate.stamp - self._filter.confirmed > self._config.max_coast:
+            if estimate is None or stamp - self._filter.confirmed > self._config.max_coast:
                 return None
             return se3.yaw(estimate.T_target_source)
 

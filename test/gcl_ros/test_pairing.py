@@ -1,6 +1,7 @@
 import threading
 
 from gcl_ros.pairing import Pairing
+from gcl_ros.pairings import Pairings
 
 
 def take_now(pairing):
@@ -85,11 +86,65 @@ def test_every_message_without_a_partner_is_counted():
 
 def test_clocks_that_differ_show_as_an_offset():
     pairing = Pairing(max_dt=0.05)
-    assert pairing.offset() is None
+    assert pairing.offset(lately=2.0) is None
     pairing.add('source', 107.5, 's')
     pairing.add('target', 100.0, 't')
-    assert pairing.offset() == 7.5
+    assert pairing.offset(lately=2.0) == 7.5
     assert take_now(pairing) is None
+
+
+def test_a_stream_that_comes_later_is_no_offset_while_pairs_come():
+    now = [0.0]
+    pairing = Pairing(max_dt=0.05, clock=lambda: now[0])
+    for i in range(5):
+        pairing.add('source', float(i), f's{i}')
+        pairing.add('target', i - 1.0, f't{i - 1}')  # a second late
+        now[0] += 1.0
+    assert pairing.counts.pairs == 4
+    assert pairing.offset(lately=2.0) is None
+    now[0] += 1.5
+    assert pairing.offset(lately=2.0) == 1.0
+
+
+def test_streams_out_of_step_find_the_nearer_neighbour_again():
+    """Sweeps of 10 Hz, 0.01 s apart: a lost one must not shift all pairs after it by a sweep."""
+    pairing = Pairing(max_dt=0.1)
+    pairs = []
+    for i in range(10):
+        if i != 4:  # of the source, lost
+            pairing.add('source', i / 10, i)
+        pairing.add('target', i / 10 + 0.01, i)
+        pairs.append(take_now(pairing))
+    assert pairs == [(i, i) if i != 4 else None for i in range(10)]
+    assert pairing.counts.pairs == 10  # one of them replaced by the nearer one
+    assert pairing.counts.replaced == 1
+
+
+def test_streams_half_a_sweep_apart_are_paired_once_each():
+    pairing = Pairing(max_dt=0.1)
+    for i in range(20):
+        jitter = 0.002 * (-1) ** i
+        pairing.add('source', i / 10, f's{i}')
+        pairing.add('target', i / 10 + 0.05 + jitter, f't{i}')
+    assert pairing.counts.pairs == 20
+
+
+def test_a_question_outlives_a_jump_back_in_time():
+    """What was asked for is gone: the next pair is the answer, and the consumer does not end."""
+    pairings = Pairings(['a'], max_dt=0.05, on_demand=True)
+    pairing = pairings.of['a']
+    pairing.add('source', 100.0, 's')
+    pairing.add('target', 100.0, 't')
+    assert pairing.ask()
+    pairing.add('source', 3.0, 's3')
+    taken = []
+    thread = threading.Thread(target=lambda: taken.append(pairings.take()))
+    thread.start()
+    thread.join(timeout=0.2)
+    assert not taken
+    pairing.add('target', 3.0, 't3')
+    thread.join(timeout=5)
+    assert taken == [('a', 's3', 't3')]
 
 
 def test_on_demand_pairs_wait_until_they_are_asked_for():

@@ -10,6 +10,7 @@ from visualization_msgs.msg import Marker
 from gcl_core import se3
 from gcl_core.evaluation import metrics
 from gcl_ros.conversions import matrix, point_cloud, seconds
+from gcl_ros.exchange import Exchange
 from gcl_ros.registrar_node import RegistrarNode
 
 RELIABLE, BEST_EFFORT = ReliabilityPolicy.RELIABLE, ReliabilityPolicy.BEST_EFFORT
@@ -193,6 +194,29 @@ def test_trigger_answers_with_the_outcome_and_reset_forgets(rig, meeting):
     assert rig.trigger('reset').success
     assert not rig.trigger('trigger').success
     assert rig.until(lambda: rig.figures()['accepted'] == '0')
+
+
+def test_what_is_at_work_is_forgotten_by_a_reset_too(rig, meeting, monkeypatch):
+    register, reset = Exchange.register, []
+
+    def interrupted(exchange, **pair):
+        found = register(exchange, **pair)
+        if not reset:
+            reset.append(rig.trigger('reset').success)
+        return found
+
+    node = rig.add(RegistrarNode, **FAST, on_demand=True)
+    rig.publish_clouds()
+    transforms = rig.listen(TransformStamped, '/registrar/transform')
+    ready = lambda: rig.figures().get('pairs', '0') != '0'  # noqa: E731
+    assert rig.until(ready, every=streams(rig, meeting))
+    monkeypatch.setattr(Exchange, 'register', interrupted)
+    answer = rig.trigger('trigger')
+    assert rig.until(lambda: reset)
+    assert (answer.success, answer.message) == (False, 'reset: pairs were forgotten')
+    assert not rig.until(lambda: transforms, patience=1.0)
+    assert rig.figures()['accepted'] == '0'
+    assert node.state == 'active'
 
 
 def test_aligned_cloud_and_matches_on_request(rig, meeting):

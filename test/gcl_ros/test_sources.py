@@ -8,6 +8,7 @@ from sensor_msgs.msg import PointCloud2
 from gcl_core import se3
 from gcl_core.errors import GclError
 from gcl_core.evaluation import metrics
+from gcl_ros.answers import Answers
 from gcl_ros.conversions import matrix
 from gcl_ros.pairings import Pairings
 from gcl_ros.recent import Recent
@@ -85,3 +86,14 @@ def test_two_sources_are_told_apart(rig, meeting):
         assert metrics.registered(matrix(message.transform), truth, metrics.STRICT)
     assert len(described) == 3
     assert rig.until(lambda: rig.status and rig.status.name == 'registrar: b')
+
+
+def test_an_outcome_answers_those_who_had_called_for_its_pair():
+    answers = Answers()
+    first = answers.expect(['a'], None)
+    taken = answers.calls
+    second = answers.expect(['a'], None)  # while that pair is at work: for a newer one
+    answers.outcome('a', True, 'one', calls=taken)
+    assert (first.done(), second.done()) == (True, False)
+    answers.outcome('a', False, 'two', calls=answers.calls)
+    assert (first.result(), second.result()) == ((True, 'one'), (False, 'two'))
