@@ -9,9 +9,10 @@ import pytest
 from scipy.spatial import cKDTree
 
 from gcl_core import se3
+from gcl_core.data.simulator.casting import Hits
 from gcl_core.data.simulator.kinds import KINDS
 from gcl_core.data.simulator.meeting import meet
-from gcl_core.data.simulator.returns import Conditions, draw_conditions
+from gcl_core.data.simulator.returns import MIXED, Conditions, draw_conditions, measure
 from gcl_core.data.simulator.sensors import SENSORS, sensor_named
 from gcl_core.data.simulator.sequence import SimulatedSequence, World
 from gcl_core.errors import GclError
@@ -163,6 +164,21 @@ def test_conditions_vary_between_seeds():
     assert 5 < sum(c.rain > 0 for c in drawn) < 40
     assert 20 < sum(c.blind is not None for c in drawn) < 70
     assert 10 < sum(c.deskew == 0 for c in drawn) < 50
+
+
+@pytest.mark.parametrize('strength', [1.0, 0.5])
+def test_weak_returns_at_an_edge_are_mixed_no_more_than_strong_ones(strength):
+    sensor = SENSORS['hdl64e']
+    shape = (len(sensor.elevation_deg), 2000)
+    distance = np.tile([10.0, 11.0], (shape[0], shape[1] // 2)).astype(np.float32)
+    weak = sensor.weak_return * (10.0 / sensor.max_range) ** 2 * strength
+    hits = Hits(distance, *(np.full(shape, v, np.float32) for v in (1.0, weak, 0.0)))
+    still = Conditions(np.zeros(shape[0], np.float32), 0.0, 0.0, None, 1.0)
+    rng = np.random.default_rng(0)
+    measured = measure(sensor, hits, np.zeros(shape[1], np.float32), still, rng)
+    seen = measured[measured > 0]
+    between = np.mean((seen > 10.2) & (seen < 10.8))
+    assert between == pytest.approx(0.6 * MIXED, abs=0.02)
 
 
 def test_rain_and_a_blind_sector_cost_returns(world):

@@ -71,7 +71,7 @@ def measure(
     # Noise grows with range and with slant, where the beam's footprint is long.
     slant = np.minimum(1.0 / np.maximum(hits.cosine, 0.1), 4.0)
     sigma = sensor.range_noise * (0.6 + 0.2 * slant + true / 120.0) + hits.depth
-    measured = mix(true, uniform, rng) + gauss * sigma + conditions.beam_bias[:, None]
+    measured = mix(true, rng) + gauss * sigma + conditions.beam_bias[:, None]
     if conditions.blind:
         angle = (azimuth - conditions.blind[0]) % (2 * np.pi)
         seen &= (angle > conditions.blind[1] - conditions.blind[0])[None]
@@ -83,14 +83,12 @@ def measure(
 
 
 def mix(
-    distance: Float32[np.ndarray, 'r c'],
-    uniform: Float32[np.ndarray, 'r c'],
-    rng: np.random.Generator,
+    distance: Float32[np.ndarray, 'r c'], rng: np.random.Generator
 ) -> Float32[np.ndarray, 'r c']:
     """Put some returns at the edge of two surfaces between them, as a wide beam does."""
     gap = np.diff(distance, axis=1)
     edge = (np.abs(gap) > MIXED_GAP[0]) & (np.abs(gap) < MIXED_GAP[1])
-    row, column = np.nonzero(edge & (uniform[:, :-1] < MIXED))
+    row, column = np.nonzero(edge & (rng.random(gap.shape, dtype=np.float32) < MIXED))
     mixed = distance.copy()
     share = rng.random(len(row), dtype=np.float32)
     mixed[row, column] += share * gap[row, column]
