@@ -17,7 +17,8 @@ FORMATS = ('.bin', '.pcd', '.ply', '.npy')
 def read_cloud(path: Path) -> PointCloud:
     """Read a cloud by its suffix; points that are not finite are dropped.
 
-    `.bin` holds float32 x, y, z, intensity (KITTI); `.npy` an array with at least three columns.
+    `.bin` holds float32 x, y, z, intensity (KITTI), `.pcd.bin` also the ring (nuScenes; in its own
+    axes); `.npy` an array with at least three columns.
 
     Raises:
         GclError: missing, broken, empty, or of an unknown format.
@@ -64,13 +65,16 @@ def write_cloud(path: Path, cloud: PointCloud) -> None:
 
 
 def _read_bin(path: Path) -> np.ndarray:
-    size = path.stat().st_size
-    if size % 16:
+    columns = ['x', 'y', 'z', 'intensity']
+    if path.name.endswith('.pcd.bin'):
+        columns.append('ring')
+    size, row = path.stat().st_size, 4 * len(columns)
+    if size % row:
         raise GclError(
-            f'{path} has {size} bytes, not a multiple of 16 (float32 x, y, z, intensity): '
+            f'{path} has {size} bytes, not a multiple of {row} (float32 {", ".join(columns)}): '
             'it is cut off or of another layout'
         )
-    return np.fromfile(path, dtype=np.float32).reshape(-1, 4)
+    return np.fromfile(path, dtype=np.float32).reshape(-1, len(columns))
 
 
 def _read_npy(path: Path) -> np.ndarray:

@@ -74,8 +74,8 @@ def sequence_names(path: Path, *, layout: str | None = None) -> list[str]:
     kind = _known(layout or detect(path))
     if kind == 'kitti' and not (path / 'velodyne').is_dir():
         return _kitti_names(path)
-    if kind == 'nuscenes' and versions(path):
-        return list(read_logs(path))
+    if kind == 'nuscenes':
+        return list(_logs(path))
     if kind == 'eth' and not (path / 'gt.log').is_file():
         return _eth_names(path)
     return list(open_sequences(path, layout=kind))
@@ -131,10 +131,15 @@ def _open_kitti(path: Path, names: Names) -> list[Sequence]:
     return opened
 
 
+def _logs(path: Path) -> dict[str, NuScenesSequence]:
+    """Every log, by the root, or by the folder of one version's tables."""
+    if (path / 'sample_data.json').is_file():
+        return read_logs(path.resolve().parent, path.resolve().name)
+    return read_logs(path)
+
+
 def _open_nuscenes(path: Path, names: Names) -> list[Sequence]:
-    """Open by the root, or by the folder of one version's tables."""
-    tables = (path / 'sample_data.json').is_file()
-    logs = read_logs(path.resolve().parent, path.resolve().name) if tables else read_logs(path)
+    logs = _logs(path)
     return [logs[_one_of(list(logs), name, f'{path}: nuScenes log')] for name in names]
 
 

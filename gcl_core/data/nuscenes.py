@@ -12,11 +12,11 @@ from jaxtyping import Float
 
 from gcl_core import se3
 from gcl_core.config import read_json
+from gcl_core.data.clouds import read_cloud
 from gcl_core.errors import GclError
 from gcl_core.types import PointCloud
 
 LIDAR = 'samples/LIDAR_TOP/'  # key frames lie here, the sweeps between them in sweeps/
-COLUMNS = 5  # float32 x, y, z, intensity, ring
 # The sensor's x points right and y forward; KITTI's x points forward and y left.
 T_KITTI_SENSOR = se3.from_xyz_rpy(yaw=-np.pi / 2)
 
@@ -57,14 +57,7 @@ class NuScenesSequence:
         path = self._frames[index].path
         if not path.is_file():
             raise GclError(f'no file {path}; download the key frames of LIDAR_TOP into it')
-        size = path.stat().st_size
-        if size == 0 or size % (4 * COLUMNS):
-            raise GclError(
-                f'{path} has {size} bytes, not a multiple of 20 '
-                '(float32 x, y, z, intensity, ring): it is cut off'
-            )
-        points = np.fromfile(path, dtype=np.float32).reshape(-1, COLUMNS)
-        cloud = PointCloud.from_array(points, str(path))
+        cloud = read_cloud(path)
         return PointCloud(se3.transform(T_KITTI_SENSOR, cloud.points))
 
     def T_world_lidar(self, index: int) -> Float[np.ndarray, '4 4']:
@@ -115,7 +108,10 @@ def _only_version(root: Path) -> str:
     if len(found) == 1:
         return found[0]
     if found:
-        raise GclError(f'{root} holds the versions {", ".join(found)}; choose one')
+        raise GclError(
+            f'{root} holds the versions {", ".join(found)}; name the folder of one, such '
+            f'as {root / found[0]}'
+        )
     raise GclError(
         f'no {root}/v1.0-*/sample_data.json; nuScenes is laid out as v1.0-trainval/*.json '
         f'beside {LIDAR}*.pcd.bin'

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from gcl_core import se3
-from gcl_core.data.clouds import write_cloud
+from gcl_core.data.clouds import read_cloud, write_cloud
 from gcl_core.data.eth import EthSequence
 from gcl_core.data.folder import FolderSequence
 from gcl_core.data.formats import open_sequence, open_sequences, sequence_names
@@ -149,6 +149,14 @@ def test_broken_nuscenes_poses_are_named(nuscenes, translation, message):
         read_logs(nuscenes)
 
 
+def test_a_nuscenes_cloud_is_read_as_one(nuscenes):
+    """Twenty bytes a point, and a number of points whose bytes KITTI's sixteen divide too."""
+    path = nuscenes / 'samples/LIDAR_TOP/log__0.pcd.bin'
+    rows = np.arange(40, dtype=np.float32).reshape(8, 5)
+    rows.tofile(path)
+    assert np.array_equal(read_cloud(path).points, rows[:, :3])
+
+
 def test_broken_nuscenes_files_are_named(nuscenes, tmp_path_factory):
     sequence = open_sequence(nuscenes)
     (nuscenes / 'samples/LIDAR_TOP/log__1.pcd.bin').write_bytes(b'0' * 41)
@@ -160,9 +168,10 @@ def test_broken_nuscenes_files_are_named(nuscenes, tmp_path_factory):
     with pytest.raises(GclError, match=r"'other' is not there; there are n015-2018"):
         open_sequence(nuscenes, 'other')
     shutil.copytree(nuscenes / 'v1.0-mini', nuscenes / 'v1.0-trainval')
-    with pytest.raises(GclError, match=r'versions v1\.0-mini, v1\.0-trainval; choose one'):
+    with pytest.raises(GclError, match=r'versions v1\.0-mini, v1\.0-trainval; name the folder'):
         read_logs(nuscenes)
     assert len(open_sequence(nuscenes / 'v1.0-mini')) == 3
+    assert sequence_names(nuscenes / 'v1.0-mini') == ['n015-2018']
     with pytest.raises(GclError, match=r'no .*v1\.0-\*/sample_data'):
         read_logs(tmp_path_factory.mktemp('empty'))
 
