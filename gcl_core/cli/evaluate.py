@@ -74,7 +74,8 @@ def benchmark(options: argparse.Namespace) -> BenchmarkConfig:
     if options.random_yaw:
         config = replace(config, random_yaw=True)
     if options.seed is not None:
-        config = replace(config, seed=options.seed)
+        pairs = tuple(replace(p, seed=options.seed) for p in config.pairs)
+        config = replace(config, seed=options.seed, pairs=pairs)
     if options.pairs:
         limit = config.pairs[0].limit if config.pairs else 0
         listed = PairsConfig(kind='list', file=str(options.pairs), limit=limit)

@@ -180,10 +180,10 @@ def tasks(
 ) -> list[Task]:
     """Number the pairs and choose a heading for each."""
     found: list[Task] = []
-    for d in drawn:
-        for name in (name for name in sequences if name in d.pairs.sequences):
+    for place, d in enumerate(drawn):
+        for k, name in enumerate(name for name in sequences if name in d.pairs.sequences):
             pairs = d.pairs.of(name, sequences[name])
-            rng = np.random.default_rng(config.seed)
+            rng = np.random.default_rng([config.seed, place, k])  # of the first, as of the seed
             turned = rng.uniform(-np.pi, np.pi, len(pairs)) * config.random_yaw
             make = partial(Task, dataset=d.dataset, sequence=name, weighed=False)
             for pair, heading in zip(pairs, turned, strict=True):

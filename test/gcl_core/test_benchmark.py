@@ -193,6 +193,8 @@ def test_sets_are_named_limited_and_turned_alike_however_they_are_run():
     # As a generator gives them one after the other: the README's figures were drawn so.
     rng = np.random.default_rng(3)
     assert [t.turned for t in found[:3]] == [rng.uniform(-np.pi, np.pi) for _ in range(3)]
+    headings = [t.turned for t in found]
+    assert len(set(headings)) == len(headings)  # no two sets or drives are turned alike
     assert digest(drawn) != digest(drawn[:1])
     together = draw(replace(config, source=SourceConfig(), pairs=sets[:1]), sequences)
     assert [d.dataset for d in together] == ['fake']
