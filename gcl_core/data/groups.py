@@ -5,6 +5,7 @@ Paper, sections "Overview of GCL" and "Positive Group Searching".
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -107,6 +108,31 @@ def find_groups(
         finest=torch.from_numpy(first_minimum(sensor_range, offsets)),
         anchor=torch.from_numpy(aligned[0][kept]),
     )
+
+
+def densest(
+    groups: PositiveGroups,
+    points: Float[torch.Tensor, 'n 3'],
+    splits: tuple[int, ...],
+    radius: float = 1.2,
+) -> PositiveGroups:
+    """Take as finest of each group the member with most points of its scan around it (paper).
+
+    Of equal counts the one nearest to its sensor is taken.
+
+    Args:
+        groups: among the points.
+        points: of all scans stacked, each scan in its own frame, metres.
+        splits: where each scan begins and the last ends.
+        radius: within which points count, metres.
+    """
+    counts = []
+    for a, b in pairwise(splits):
+        scan = points[a:b].double().numpy()
+        counts.append(cKDTree(scan).query_ball_point(scan, radius, return_length=True))
+    own = np.concatenate(counts)[groups.member.numpy()]
+    rank = groups.sensor_range.numpy() / 1e3 - own  # ranges are below 1 km
+    return replace(groups, finest=torch.from_numpy(first_minimum(rank, groups.offsets.numpy())))
 
 
 def first_minimum(value: Float[np.ndarray, ' n'], offsets: np.ndarray) -> np.ndarray:

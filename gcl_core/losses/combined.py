@@ -16,6 +16,8 @@ from gcl_core.losses.hardest_negative import hardest_negative
 from gcl_core.losses.positive import positive_pair, positive_variance
 from gcl_core.types import PositiveGroups
 
+LOWEST_TEMPERATURE = 0.02  # e^(1 / T) times thousands of negatives is a float32
+
 
 @dataclass(frozen=True)
 class LossConfig:
@@ -55,6 +57,11 @@ class LossConfig:
         if any(weight < 0 for weight in weights.values()) or not any(weights.values()):
             raise GclError(
                 f'loss weights are {weights}; none may be negative, one must be positive'
+            )
+        if self.temperature < LOWEST_TEMPERATURE:
+            raise GclError(
+                f'loss.temperature is {self.temperature:g}; below {LOWEST_TEMPERATURE:g} the '
+                'softmax overflows'
             )
         if self.contrast == 0 and self.gcl_from > 0:
             raise GclError(

@@ -10,6 +10,7 @@ import torch
 from jaxtyping import Float
 from torch import nn
 
+from gcl_core.errors import GclError
 from gcl_core.models.backbone import Backbone, BackboneConfig
 from gcl_core.models.blocks import ConvNorm, ResidualBlock
 from gcl_core.ops.kernel_map import build_pyramid
@@ -34,6 +35,13 @@ class ResUNetConfig(BackboneConfig):
     encoder: tuple[int, ...] = (32, 64, 128, 256)
     decoder: tuple[int, ...] = (256, 128, 128)
     head: int = 128
+
+    def __post_init__(self) -> None:
+        if len(self.decoder) >= len(self.encoder):
+            raise GclError(
+                f'network.decoder has {len(self.decoder)} steps up, network.encoder '
+                f'{len(self.encoder)} levels; there must be more levels than steps'
+            )
 
     @property
     def output_level(self) -> int:

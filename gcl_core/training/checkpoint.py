@@ -15,6 +15,7 @@ from gcl_core.errors import GclError
 from gcl_core.files import whole_file
 
 FORMAT = 'gcl-checkpoint-2'
+FIXED = ('network', 'samples', 'groups', 'batch', 'seed')  # of a recipe, from the first step on
 
 
 @dataclass(frozen=True)
@@ -48,6 +49,35 @@ def save(path: Path, state: State, step: int, config: dict[str, Any]) -> None:
     metadata = {'format': FORMAT, 'step': str(step), 'config': json.dumps(config)}
     with whole_file(path) as part:
         save_file(tensors, part, metadata=metadata)
+
+
+def check_recipe(path: Path, config: dict[str, Any]) -> None:
+    """See that a run goes on with the recipe that it began with, as far as samples follow from it.
+
+    Losses, optimiser and number of steps may change.
+
+    Raises:
+        GclError: another network, other samples, groups, batch or seed.
+    """
+    try:
+        with safe_open(path, framework='pt') as file:
+            held = json.loads((file.metadata() or {}).get('config', '{}'))
+    except (SafetensorError, ValueError):
+        return  # damaged: `load` says so
+    now = json.loads(json.dumps(config))
+    differing = [name for name in FIXED if name in held and _differs(held[name], now[name])]
+    if differing:
+        raise GclError(
+            f'{path} is of a run with other {", ".join(differing)}; set them as they were, or '
+            'take another folder to start anew'
+        )
+
+
+def _differs(held: Any, now: Any) -> bool:
+    """Whether a value was another; what a later version added is at its default."""
+    if isinstance(held, dict) and isinstance(now, dict):
+        return any(key not in now or _differs(value, now[key]) for key, value in held.items())
+    return bool(held != now)
 
 
 def load(path: Path, state: State) -> int:

@@ -3,16 +3,28 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+from gcl_core.files import write_text
+
 
 class TrainingLog:
-    """Appends rows to `log.jsonl`, and scalars for TensorBoard where it is installed."""
+    """Appends rows to `log.jsonl`, and scalars for TensorBoard where it is installed.
 
-    def __init__(self, folder: Path) -> None:
-        self._file = (folder / 'log.jsonl').open('a')
+    Args:
+        folder: of the run.
+        step: that the run goes on from; rows of later steps are of a run that was stopped before
+            its next checkpoint, and go.
+    """
+
+    def __init__(self, folder: Path, step: int) -> None:
+        path = folder / 'log.jsonl'
+        if path.is_file():
+            write_text(path, ''.join(f'{line}\n' for line in _until(path, step)))
+        self._file = path.open('a')
         self._board: Any = None
         try:
             from torch.utils.tensorboard import SummaryWriter
@@ -40,3 +52,14 @@ class TrainingLog:
         if self._board:
             for name, value in row.items():
                 self._board.add_scalar(name, value, int(row['step']))
+
+
+def _until(path: Path, step: int) -> Iterator[str]:
+    """Lines of a log up to a step; one that a kill cut off is none."""
+    for line in path.read_text().splitlines():
+        try:
+            row = json.loads(line)
+        except ValueError:
+            continue
+        if row['step'] <= step:
+            yield line

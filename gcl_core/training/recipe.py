@@ -12,6 +12,8 @@ from gcl_core.models.resunet import ResUNetConfig
 from gcl_core.models.zoo import NetworkConfig
 from gcl_core.training.samples import SampleConfig
 
+SEEDS = 700  # seed s takes worlds from s x 1,000,000 on; calibration and tests take the rest
+
 
 @dataclass(frozen=True)
 class OptimizerConfig:
@@ -63,11 +65,14 @@ class GroupConfig:
         count: groups drawn from a sample.
         radius: of a positive group, metres.
         per_scan: most members from one scan (public code: 5).
+        finest: member that the finest loss takes as such: `nearest` to its sensor (public code)
+            or `densest` (paper), see `gcl_core.data.groups.densest`.
     """
 
     count: int = 1024
     radius: float = 0.45
     per_scan: int = 1
+    finest: Literal['nearest', 'densest'] = 'nearest'
 
 
 @dataclass(frozen=True)
@@ -83,7 +88,7 @@ class TrainConfig:
         steps: optimiser steps of the whole run.
         batch: samples of a step, whose gradients are averaged; divided among the processes.
         bf16: compute in bfloat16.
-        seed: of worlds, groups and initial weights.
+        seed: of worlds, groups and initial weights; 0 to 699.
         save_every: steps between checkpoints.
         validate_every: steps between validations on held-out streets; 0 for none.
         workers: processes that cut samples.
@@ -106,3 +111,8 @@ class TrainConfig:
         for name in ('steps', 'batch', 'save_every', 'workers'):
             if getattr(self, name) < 1:
                 raise GclError(f'{name} is {getattr(self, name)}; it must be at least 1')
+        if not 0 <= self.seed < SEEDS:
+            raise GclError(
+                f'seed is {self.seed}; it must lie in 0 to {SEEDS - 1}: the worlds of larger ones '
+                'are for calibration and tests'
+            )

@@ -16,7 +16,7 @@ from gcl_core.data.simulator.sequence import SimulatedSequence, World
 from gcl_core.errors import GclError
 
 CENTRE_SPAN = 30  # scans, a metre apart, around the middle of a street where centres are taken
-INTERLEAVED = 4  # worlds that samples alternate between, so that up to 4 workers share none
+INTERLEAVED = 4  # worlds that samples alternate between, so that 2 or 4 workers share none
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ import torch
 from torch import nn
 from torch.utils.data import DataLoader
 
-from gcl_core.data.groups import find_groups, sample_groups
+from gcl_core.data.groups import densest, find_groups, sample_groups
 from gcl_core.losses.combined import combined
 from gcl_core.models.backbone import Backbone
 from gcl_core.models.zoo import build
@@ -59,6 +59,7 @@ class Trainer:
         self.average = averaged(self.model) if config.optimizer.average else None
         self.step = 0
         if self._checkpoint.exists():
+            checkpoint.check_recipe(self._checkpoint, asdict(config))
             self.step = checkpoint.load(self._checkpoint, self._state())
         self._parallel = self.processes.parallel(self.model)
 
@@ -84,7 +85,7 @@ class Trainer:
             mininterval=5,
             hidden=not self.processes.first,
         )
-        with TrainingLog(self.folder) if self.processes.first else nullcontext() as log:
+        with TrainingLog(self.folder, self.step) if self.processes.first else nullcontext() as log:
             for samples in self._batches():
                 row = self.train_step(samples)
                 if self.config.validate_every and self.step % self.config.validate_every == 0:
@@ -164,6 +165,8 @@ class Trainer:
             radius=config.groups.radius,
             per_scan=config.groups.per_scan,
         )
+        if config.groups.finest == 'densest':
+            groups = densest(groups, points.cpu(), splits)
         number = self.step * config.batch + place * self.processes.count + self.processes.rank
         generator = torch.Generator().manual_seed(config.seed * 1_000_003 + number)
         drawn = sample_groups(groups, config.groups.count, generator).to(device)

@@ -5,10 +5,10 @@ import pytest
 import torch
 
 from gcl_core import se3
-from gcl_core.data.groups import draw_neighbors, find_groups, sample_groups
+from gcl_core.data.groups import densest, draw_neighbors, find_groups, sample_groups
 from gcl_core.errors import GclError
 from gcl_core.losses.circle import circle
-from gcl_core.losses.combined import TERMS, LossConfig, combined
+from gcl_core.losses.combined import LOWEST_TEMPERATURE, TERMS, LossConfig, combined
 from gcl_core.losses.contrast import group_contrast
 from gcl_core.losses.finest import finest
 from gcl_core.losses.hardest_negative import hardest_negative
@@ -32,6 +32,15 @@ def test_groups_of_a_toy():
     assert groups.member.tolist() == [0, 4, 6, 1, 3]
     assert groups.finest.tolist() == [2, 3]  # 1.1 m from its sensor; 6 m against 6.003 m
     torch.testing.assert_close(groups.anchor, torch.tensor([[5.0, 0, 0], [0, 6.0, 0]]).double())
+
+
+def test_the_densest_member_has_most_points_of_its_scan_around_it():
+    centre = [[5.0, 0, 0]]
+    scan = [[5.2, 0, 0], [5.2, 0.5, 0], [5.2, -0.5, 0], [30.0, 0, 0]]
+    points = torch.tensor(centre + scan)
+    groups = find_groups(points, (0, 1, 5), np.stack([np.eye(4)] * 2), radius=0.45)
+    assert groups.member[groups.finest].tolist() == [0]  # nearest to its sensor
+    assert groups.member[densest(groups, points, (0, 1, 5)).finest].tolist() == [1]
 
 
 def test_sampled_groups_keep_their_members():
@@ -145,6 +154,14 @@ def test_groups_of_two_are_the_pair_wise_loss():
     negative = (1.4 - everything.min(1).values).relu().square().mean()
     assert parts['pair'] == pytest.approx(positive.item(), rel=1e-5)
     assert ours.item() == pytest.approx((positive + negative).item(), rel=1e-4)
+
+
+def test_a_temperature_that_overflows_is_refused():
+    groups = toy()
+    features = torch.nn.functional.normalize(torch.ones(7, 4), dim=1)
+    assert group_contrast(features, groups, temperature=LOWEST_TEMPERATURE).isfinite()
+    with pytest.raises(GclError, match='the softmax overflows'):
+        LossConfig(temperature=0.9 * LOWEST_TEMPERATURE)
 
 
 def test_a_recipe_that_learns_nothing_at_first_is_refused():

@@ -23,7 +23,8 @@ from gcl_core.training.recipe import GroupConfig, OptimizerConfig, TrainConfig
 from gcl_core.training.samples import SampleConfig, SampleStream, augment
 from gcl_core.training.simulated import SimulatedGroups, SimulationConfig
 from gcl_core.training.trainer import Trainer
-from gcl_core.training.validation import validate
+from gcl_core.training.validation import top1, validate
+from gcl_core.types import PositiveGroups
 
 CONFIG = TrainConfig(
     network=ResUNetConfig(
@@ -75,9 +76,12 @@ def test_resumed_run_ends_at_the_same_weights(tmp_path, recipe):
     for sample in stream:
         broken.train_step([sample])
     broken.save()
+    # Of steps after the checkpoint, the last of them cut off by a kill.
+    (tmp_path / 'broken/log.jsonl').write_text('{"step": 2}\n{"step": 3}\n{"st')
     resumed = Trainer(recipe, tmp_path / 'broken')
     assert resumed.step == 2
     resumed.run()
+    assert [row['step'] for row in logged(tmp_path / 'broken')] == [2, 3, 4]
     for (name, a), b in zip(
         whole.shipped.state_dict().items(), resumed.shipped.state_dict().values(), strict=True
     ):
@@ -94,7 +98,42 @@ def test_loss_falls_on_one_sample(tmp_path, recipe):
     assert losses[-1] < losses[0] - 0.5
 
 
-def rows(folder):
+def test_a_run_goes_on_with_the_samples_that_it_began_with(tmp_path):
+    Trainer(CONFIG, tmp_path).save()
+    Trainer(replace(CONFIG, steps=9, loss=LossConfig(pair=1.0)), tmp_path)
+    simulation = replace(CONFIG.samples.simulation, sensors=('vlp16',))
+    for change, name in (
+        ({'seed': 2}, 'seed'),
+        ({'batch': 2}, 'batch'),
+        ({'samples': replace(CONFIG.samples, simulation=simulation)}, 'samples'),
+        ({'network': replace(CONFIG.network, voxel_size=0.3)}, 'network'),
+    ):
+        with pytest.raises(GclError, match=f'of a run with other {name}; set'):
+            Trainer(replace(CONFIG, **change), tmp_path)
+
+
+@pytest.mark.parametrize('seed', [-1, 700])
+def test_worlds_of_calibration_and_tests_are_not_trained_on(seed):
+    with pytest.raises(GclError, match=f'seed is {seed}; it must lie in 0 to 699'):
+        replace(CONFIG, seed=seed)
+
+
+def test_the_nearest_feature_is_right_if_it_is_of_the_group():
+    """Two members of one group in the other scan: either will do."""
+    group = [0, 1, 2]  # a point of the centre, two of its neighbour
+    groups = PositiveGroups(
+        offsets=torch.tensor([0, 3]),
+        member=torch.tensor(group),
+        sensor_range=torch.ones(3),
+        finest=torch.tensor([0]),
+        anchor=torch.zeros(1, 3).double(),
+    )
+    features = torch.tensor([[1.0, 0.0], [1.0, 0.1], [0.6, 0.8], [0.0, 1.0]])
+    assert top1(features, groups, (0, 1, 4)) == 1.0
+    assert top1(features[[0, 3, 2, 1]], groups, (0, 1, 4)) == 0.0
+
+
+def logged(folder):
     return [json.loads(line) for line in (folder / 'log.jsonl').open()]
 
 
@@ -111,7 +150,7 @@ def test_two_processes_take_the_steps_of_one(tmp_path):
     launch = [sys.executable, '-m', 'torch.distributed.run', '--standalone', '--nproc_per_node=2']
     command = ['-m', 'gcl_core.cli.main', 'train', '--config', str(tmp_path / 'recipe.yaml')]
     subprocess.run([*launch, *command, '--out', str(tmp_path / 'two')], check=True, timeout=100)
-    one, two = rows(tmp_path / 'one'), rows(tmp_path / 'two')
+    one, two = logged(tmp_path / 'one'), logged(tmp_path / 'two')
     assert [row['step'] for row in two] == [1, 2, 3]
     assert two[0]['loss'] == pytest.approx(one[0]['loss'], rel=1e-5)
     for a, b in zip(one, two, strict=True):  # rounding grows from step to step
