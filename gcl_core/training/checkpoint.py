@@ -54,18 +54,20 @@ def save(path: Path, state: State, step: int, config: dict[str, Any]) -> None:
 def check_recipe(path: Path, config: dict[str, Any]) -> None:
     """See that a run goes on with the recipe that it began with, as far as samples follow from it.
 
-    Losses, optimiser and number of steps may change.
+    Losses, optimiser and number of steps may change while there are steps left.
 
     Raises:
         GclError: another network, other samples, groups, batch or seed.
     """
     try:
         with safe_open(path, framework='pt') as file:
-            held = json.loads((file.metadata() or {}).get('config', '{}'))
+            metadata = file.metadata() or {}
+            held, step = json.loads(metadata.get('config', '{}')), int(metadata.get('step', 0))
     except (SafetensorError, ValueError):
         return  # damaged: `load` says so
     now = json.loads(json.dumps(config))
-    differing = [name for name in FIXED if name in held and _differs(held[name], now[name])]
+    fixed = FIXED if step < now['steps'] else (*FIXED, 'loss', 'optimizer')
+    differing = [name for name in fixed if name in held and _differs(held[name], now[name])]
     if differing:
         raise GclError(
             f'{path} is of a run with other {", ".join(differing)}; set them as they were, or '

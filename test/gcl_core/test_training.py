@@ -100,7 +100,13 @@ def test_loss_falls_on_one_sample(tmp_path, recipe):
 
 def test_a_run_goes_on_with_the_samples_that_it_began_with(tmp_path):
     Trainer(CONFIG, tmp_path).save()
-    Trainer(replace(CONFIG, steps=9, loss=LossConfig(pair=1.0)), tmp_path)
+    other = replace(CONFIG, steps=9, loss=LossConfig(pair=1.0))
+    assert Trainer(other, tmp_path).step == 0
+    ended = Trainer(CONFIG, tmp_path / 'ended')
+    ended.step = CONFIG.steps
+    ended.save()
+    with pytest.raises(GclError, match='of a run with other loss; set'):
+        Trainer(replace(other, steps=CONFIG.steps), tmp_path / 'ended')
     simulation = replace(CONFIG.samples.simulation, sensors=('vlp16',))
     for change, name in (
         ({'seed': 2}, 'seed'),
