@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -34,7 +33,6 @@ from gcl_core.stopwatch import Stopwatch
 from gcl_core.types import Features, PointCloud, Registration
 
 FEWEST_KEY_POINTS = 100  # anything fits a handful of points
-SHIPPED = f'{zoo.DEFAULT}.calibration.json'
 TURN_MARGIN = 0.6  # of what weights bear: beyond it, headings are another turn's business
 
 
@@ -134,19 +132,6 @@ def undescribed(
     )
 
 
-def own_calibration(weights: str) -> Path:
-    """Where the calibration of weights belongs: beside them."""
-    if weights.endswith('.safetensors'):
-        return Path(weights).with_suffix('.calibration.json')
-    return zoo.FOLDER / f'{weights}.calibration.json'
-
-
-def calibration_file(weights: str) -> Path:
-    """Where the calibration of weights lies; the shipped one for those without."""
-    own = own_calibration(weights)
-    return own if own.is_file() else zoo.FOLDER / SHIPPED
-
-
 class Registrar:
     """Registers pairs of scans; holds the network and nothing about any scan."""
 
@@ -154,7 +139,7 @@ class Registrar:
         self.config = config or RegistrarConfig()
         self.model = zoo.load_weights(self.config.weights)
         self.model.dtype = zoo.dtype_named(self.config.precision)
-        self.calibrations = load_calibration(calibration_file(self.config.weights))
+        self.calibrations = load_calibration(zoo.calibration_file(self.config.weights))
 
     @property
     def engine(self) -> str:

@@ -9,7 +9,17 @@ ROOT = Path(__file__).parents[1]
 CORE = sorted((ROOT / 'gcl_core').rglob('*.py'))
 # A file may import from its own layer and those below it.
 LAYERS = [
-    {'errors', 'types', 'se3', 'config', 'files', 'progress', 'stopwatch', 'to_json'},
+    {
+        'errors',
+        'types',
+        'se3',
+        'config',
+        'files',
+        'progress',
+        'stopwatch',
+        'to_json',
+        'provenance',
+    },
     {'ops'},
     {'models', 'matching', 'estimation'},
     {'registrar', 'data', 'losses'},

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from gcl_core.bench.measure import milliseconds, provenance
+from gcl_core.bench.measure import milliseconds
 from gcl_core.config import load_config
 from gcl_core.data.formats import open_sequence
 from gcl_core.data.simulator.sequence import SimulatedSequence
@@ -28,6 +28,7 @@ from gcl_core.models.kpconv_resunet import KPConvConfig
 from gcl_core.models.resunet import ResUNetConfig
 from gcl_core.models.zoo import NetworkConfig, build
 from gcl_core.ops.precision import best_dtype
+from gcl_core.provenance import provenance
 from gcl_core.training.recipe import TrainConfig
 from gcl_core.types import PointCloud
 

@@ -16,7 +16,7 @@ from typing import Any
 
 import torch
 
-from gcl_core.bench.measure import gemm_gflops, milliseconds, peak_mb, provenance
+from gcl_core.bench.measure import gemm_gflops, milliseconds, peak_mb
 from gcl_core.data.simulator.sequence import SimulatedSequence
 from gcl_core.errors import bad_input_exits
 from gcl_core.files import check_writable
@@ -27,6 +27,7 @@ from gcl_core.ops.kernel_map import KernelMap, build_pyramid
 from gcl_core.ops.memory import keep_freed_memory
 from gcl_core.ops.precision import best_dtype
 from gcl_core.ops.sparse_conv import sparse_conv
+from gcl_core.provenance import provenance
 from gcl_core.types import PointCloud, SparseTensor
 
 FCGF = ResUNetConfig(encoder=(32, 64, 128, 256), decoder=(128, 64, 64), head=64)

@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import Any
 
 from gcl_core import se3
-from gcl_core.bench.measure import provenance
 from gcl_core.data.simulator.sequence import SimulatedSequence
 from gcl_core.errors import bad_input_exits
 from gcl_core.estimation.decision import examine
@@ -28,6 +27,7 @@ from gcl_core.files import check_writable
 from gcl_core.matching.keypoints import choose
 from gcl_core.matching.match import match
 from gcl_core.ops.memory import keep_freed_memory
+from gcl_core.provenance import provenance
 from gcl_core.registrar import Registrar, RegistrarConfig
 from gcl_core.stopwatch import Stopwatch
 from gcl_core.types import PointCloud

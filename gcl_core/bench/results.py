@@ -21,7 +21,6 @@ from typing import Any
 
 import numpy as np
 
-from gcl_core.bench.measure import provenance
 from gcl_core.config import load_config
 from gcl_core.errors import bad_input_exits
 from gcl_core.evaluation.benchmark import BenchmarkConfig, Ours, Peer
@@ -31,6 +30,7 @@ from gcl_core.evaluation.score import Row
 from gcl_core.evaluation.tables import across, recall, summary
 from gcl_core.files import check_writable, write_text
 from gcl_core.ops.memory import keep_freed_memory
+from gcl_core.provenance import provenance
 from gcl_core.registrar import RegistrarConfig
 
 CONFIGS = Path(__file__).parents[2] / 'config'

@@ -9,7 +9,6 @@ from datetime import timedelta
 from pathlib import Path
 from typing import Any, cast
 
-from gcl_core.bench.measure import provenance
 from gcl_core.cli.outcome import Answer
 from gcl_core.config import load_config
 from gcl_core.errors import GclError
@@ -24,6 +23,7 @@ from gcl_core.evaluation.benchmark import (
 )
 from gcl_core.evaluation.report import Results, content, gather, write
 from gcl_core.evaluation.runner import Run
+from gcl_core.provenance import provenance
 from gcl_core.registrar import RegistrarConfig
 from gcl_core.to_json import to_json
 from gcl_core.training.distributed import Processes, processes

@@ -23,9 +23,9 @@ from gcl_core.evaluation.encounters import encounters, few_turns
 from gcl_core.evaluation.reliability import Verdicts, fit_spread, joined, report, verdicts
 from gcl_core.evaluation.trials import GATE_MARGIN, Trial, load_trials, save_trials
 from gcl_core.files import check_writable, sha256
-from gcl_core.models.zoo import weights_file
+from gcl_core.models import zoo
 from gcl_core.progress import progress
-from gcl_core.registrar import Registrar, RegistrarConfig, own_calibration
+from gcl_core.registrar import Registrar, RegistrarConfig
 
 REPEATED_WEIGHT = 1 / 3  # every fourth world repeats one house; fewer streets do
 ALL_TURNS_EVERY = 5  # worlds: one at all headings, the others at few
@@ -135,10 +135,10 @@ def main() -> None:
 
 def run(o: Any) -> None:
     """Run with parsed options."""
-    out = o.out or own_calibration(o.weights)
+    out = o.out or zoo.own_calibration(o.weights)
     check_writable(out)
     registrar = Registrar(RegistrarConfig(weights=o.weights))
-    trials = o.trials / sha256(weights_file(o.weights))[:12]
+    trials = o.trials / sha256(zoo.weights_file(o.weights))[:12]
     collect(registrar, trials, o.first, o.first + o.worlds, o.seconds)
     if o.collect_only:
         return

@@ -15,7 +15,6 @@ from collections.abc import Iterable
 from dataclasses import asdict, replace
 from pathlib import Path
 
-from gcl_core.bench.measure import provenance
 from gcl_core.data.simulator.sensors import SENSORS
 from gcl_core.errors import GclError, bad_input_exits
 from gcl_core.evaluation import metrics
@@ -24,7 +23,8 @@ from gcl_core.evaluation.adversaries import Case, group
 from gcl_core.files import check_writable, sha256, write_text
 from gcl_core.models import zoo
 from gcl_core.progress import progress
-from gcl_core.registrar import Registrar, RegistrarConfig, View, calibration_file
+from gcl_core.provenance import provenance
+from gcl_core.registrar import Registrar, RegistrarConfig, View
 
 PAIRS = 404  # of a group
 
@@ -120,7 +120,7 @@ def run(o: argparse.Namespace) -> None:
     registrar = Registrar(RegistrarConfig(weights=o.weights))
     config = registrar.config
     last = o.first - (-o.pairs // PAIRS) if o.last is None else o.last
-    judge_files = (zoo.weights_file(o.weights), calibration_file(o.weights))
+    judge_files = (zoo.weights_file(o.weights), zoo.calibration_file(o.weights))
     chunks = o.chunks / sha256(*judge_files)[:12]
     measure(registrar, chunks, o.sensor, range(o.first, last), o.seconds)
     rows = load(chunks, o.sensor)

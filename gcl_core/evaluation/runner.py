@@ -31,7 +31,6 @@ from gcl_core.evaluation.records import from_line, mend, merged, read_lines, to_
 from gcl_core.files import sha256
 from gcl_core.models import zoo
 from gcl_core.progress import progress
-from gcl_core.registrar import calibration_file
 from gcl_core.training.distributed import Processes
 
 DECIDES = ('source', 'pairs', 'random_yaw', 'seed', 'methods', 'overlap')  # what is predicted
@@ -198,7 +197,7 @@ def fingerprint(config: BenchmarkConfig) -> str:
 
 def _content(weights: str) -> str:
     path = zoo.weights_file(weights)
-    return sha256(path, calibration_file(weights)) if path.is_file() else ''
+    return sha256(path, zoo.calibration_file(weights)) if path.is_file() else ''
 
 
 def _differing(held: dict[str, Any], config: BenchmarkConfig) -> str:

@@ -21,6 +21,7 @@ from gcl_core.ops.precision import best_dtype
 
 FOLDER = Path(__file__).parent / 'weights'
 DEFAULT = 'gcl_conv'
+SHIPPED = f'{DEFAULT}.calibration.json'
 FORMAT = 'gcl-resunet-1'
 
 NetworkConfig = ResUNetConfig | KPConvConfig  # told apart by `backbone`; `conv` if it is left out
@@ -58,6 +59,17 @@ def weights_file(name_or_path: str) -> Path:
     """Where weights lie: a shipped name or a `.safetensors` file."""
     path = Path(name_or_path)
     return path if path.suffix == '.safetensors' else FOLDER / f'{name_or_path}.safetensors'
+
+
+def own_calibration(weights: str) -> Path:
+    """Where the calibration of weights belongs: beside them."""
+    return weights_file(weights).with_suffix('.calibration.json')
+
+
+def calibration_file(weights: str) -> Path:
+    """Where the calibration of weights lies; the shipped one for those without."""
+    own = own_calibration(weights)
+    return own if own.is_file() else FOLDER / SHIPPED
 
 
 def load_weights(name_or_path: str = DEFAULT) -> Backbone[Any, Any]:

@@ -14,9 +14,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from gcl_core.bench.measure import provenance
 from gcl_core.files import write_text
 from gcl_core.progress import progress
+from gcl_core.provenance import provenance
 from gcl_ros.fuzz.sandbox import MEMORY, PATIENCE
 from gcl_ros.fuzz.targets import targets
 

@@ -21,7 +21,7 @@ from gcl_core.data.pair_list import PairList, listed, write_pair_list
 from gcl_core.estimation.confidence import load_calibration
 from gcl_core.models import zoo
 from gcl_core.models.resunet import ResUNetConfig
-from gcl_core.registrar import SHIPPED, RegistrarConfig
+from gcl_core.registrar import RegistrarConfig
 from gcl_core.training import checkpoint
 from gcl_core.types import Features, PointCloud
 from gcl_ros.bag import ODOMETRY, Encounter, encounter_messages, write_bag
@@ -152,7 +152,7 @@ def weights() -> bytes:
 
 def calibration() -> bytes:
     """The shipped calibration."""
-    content = asdict(load_calibration(zoo.FOLDER / SHIPPED))
+    content = asdict(load_calibration(zoo.FOLDER / zoo.SHIPPED))
     return json.dumps({**content, 'record': {}}).encode()
 
 

@@ -15,11 +15,11 @@ import numpy as np
 import rclpy
 from rclpy.signals import SignalHandlerOptions
 
-from gcl_core.bench.measure import provenance
 from gcl_core.data.sequence import positions
 from gcl_core.data.simulator.sequence import SimulatedSequence
 from gcl_core.errors import bad_input_exits
 from gcl_core.files import write_text
+from gcl_core.provenance import provenance
 from gcl_ros.bag import Encounter, pair_encounters, read_encounters, write_bag
 from gcl_ros.session import local_dds
 from gcl_ros.soak.faults import schedule

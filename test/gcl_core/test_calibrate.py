@@ -34,8 +34,8 @@ from gcl_core.evaluation.trials import (
     save_trials,
 )
 from gcl_core.files import sha256
-from gcl_core.models.zoo import weights_file
-from gcl_core.registrar import Registrar, RegistrarConfig, calibration_file
+from gcl_core.models import zoo
+from gcl_core.registrar import Registrar, RegistrarConfig
 
 
 @pytest.fixture(scope='module')
@@ -119,7 +119,7 @@ def test_trials_survive_a_file(tmp_path):
 
 
 def test_command_writes_a_calibration_that_loads(tmp_path, capsys):
-    folder = tmp_path / sha256(weights_file(RegistrarConfig().weights))[:12]
+    folder = tmp_path / sha256(zoo.weights_file(RegistrarConfig().weights))[:12]
     folder.mkdir()
     for number in range(6):
         trials = [*made_up(60, seed=number), *made_up(60, seed=number, points=1000)]
@@ -206,7 +206,7 @@ def test_roughening_keeps_the_scan(drive):
 
 
 def test_shipped_calibration_is_sane():
-    calibrations = load_calibration(calibration_file(RegistrarConfig().weights))
+    calibrations = load_calibration(zoo.calibration_file(RegistrarConfig().weights))
     assert calibrations.of(THIN) is calibrations.whole
     assert calibrations.of(THIN - 1) is calibrations.thin
     for calibration in (calibrations.whole, calibrations.thin):
@@ -243,7 +243,7 @@ def test_key_points_stand_in_for_a_scan(registrar, drive):
 
 def test_a_lead_counts_other_places_only():
     rng = np.random.default_rng(0)
-    calibrations = load_calibration(calibration_file(RegistrarConfig().weights))
+    calibrations = load_calibration(zoo.calibration_file(RegistrarConfig().weights))
     first = replace(finalist(rng, True, 0, 0.2), rivals=torch.tensor([False, False, True]))
     examined = torch.stack([first.columns, first.columns + 1.0, first.columns])
     alone = replace(first, rivals=torch.zeros(3, dtype=torch.bool))

@@ -18,7 +18,6 @@ from gcl_core.estimation.confidence import (
 from gcl_core.estimation.evidence import COLUMNS
 from gcl_core.estimation.fit_judges import fit_choice, fit_judge, fit_trust
 from gcl_core.models import zoo
-from gcl_core.registrar import calibration_file, own_calibration
 
 SPREAD = Spread(factor=2.0, floor=0.01, floor_deg=0.02, upright=0.5, power=1.5)
 
@@ -121,12 +120,13 @@ def test_calibration_survives_a_file(tmp_path):
 
 
 def test_calibration_lies_beside_the_weights(tmp_path):
-    shipped = calibration_file(zoo.DEFAULT)
+    shipped = zoo.calibration_file(zoo.DEFAULT)
     assert shipped.parent == zoo.FOLDER
     own = tmp_path / 'own.safetensors'
-    assert calibration_file(str(own)) == shipped
-    assert own_calibration(zoo.DEFAULT) == shipped
+    assert zoo.calibration_file(str(own)) == shipped
+    assert zoo.own_calibration(zoo.DEFAULT) == shipped
     beside = tmp_path / 'own.calibration.json'
-    assert own_calibration(str(own)) == beside  # never the shipped one: it would be written over
+    # Never the shipped one: it would be written over.
+    assert zoo.own_calibration(str(own)) == beside
     beside.touch()
-    assert calibration_file(str(own)) == beside
+    assert zoo.calibration_file(str(own)) == beside

@@ -13,7 +13,6 @@ from gcl_core.estimation.confidence import load_calibration
 from gcl_core.files import whole_file, write_text
 from gcl_core.models import zoo
 from gcl_core.models.resunet import ResUNetConfig
-from gcl_core.registrar import SHIPPED
 from gcl_core.training import checkpoint
 from gcl_core.types import PointCloud
 
@@ -149,7 +148,7 @@ def test_checkpoints_that_do_not_fit_are_refused(tmp_path, change, metadata):
     ],
 )
 def test_calibrations_that_do_not_fit_are_refused(tmp_path, change, text):
-    content = json.loads((zoo.FOLDER / SHIPPED).read_text())
+    content = json.loads((zoo.FOLDER / zoo.SHIPPED).read_text())
     change(content)
     path = tmp_path / 'c.calibration.json'
     path.write_text(json.dumps(content))
