@@ -80,9 +80,7 @@ class Pairing(Generic[M]):
         self._last: dict[Side, float] = {}
         self._newest: tuple[M, M] | None = None
         self._taken: tuple[M, M] | None = None
-        self._newest_stamp = float('-inf')
         self._half: _Half[M] | None = None
-        self._paired_at = float('-inf')
         self._early: tuple[Side, M] | None = None
         self._rhythm = Rhythm()
 
@@ -119,13 +117,11 @@ class Pairing(Generic[M]):
         """Offer a message with its partner, unless they are older than the last pair."""
         self._count(pairs=1)
         newest = max(stamp, other_stamp)
-        if newest < self._newest_stamp:
+        if self._half and newest < self._half.stamp:
             self._count(late=1)
             return
-        self._newest_stamp = newest
         self._count(replaced=self._newest is not None)
-        self._paired_at = self._clock()
-        self._rhythm.arrived(self._paired_at)
+        self._rhythm.arrived(self._clock())
         self._early = None
         self._newest = (message, other) if side == 'source' else (other, message)
         newer: Side = side if stamp >= other_stamp else SIDES[side == 'source']
@@ -159,7 +155,7 @@ class Pairing(Generic[M]):
         be slower or later than the other without harm.
         """
         with self._ready:
-            if len(self._last) < 2 or self._clock() - self._paired_at < lately:
+            if len(self._last) < 2 or self._rhythm.quiet(self._clock()) < lately:
                 return None
             return self._last['source'] - self._last['target']
 

@@ -20,6 +20,10 @@ class Rhythm:
         """Note a pair."""
         self._arrivals.append(now)
 
+    def quiet(self, now: float) -> float:
+        """Seconds since the last pair; inf before the first."""
+        return now - self._arrivals[-1] if self._arrivals else float('inf')
+
     @property
     def period(self) -> float | None:
         """Seconds between pairs; None before there were two."""
