@@ -130,8 +130,17 @@ def densest(
     for a, b in pairwise(splits):
         scan = points[a:b].double().numpy()
         counts.append(cKDTree(scan).query_ball_point(scan, radius, return_length=True))
-    own = np.concatenate(counts)[groups.member.numpy()]
-    rank = groups.sensor_range.numpy() / 1e3 - own  # ranges are below 1 km
+    return with_most(groups, np.concatenate(counts))
+
+
+def with_most(groups: PositiveGroups, count: Int64[np.ndarray, ' n']) -> PositiveGroups:
+    """Take as finest of each group the member of the largest count.
+
+    Args:
+        groups: among n points.
+        count: of each point; of equal ones that nearest to its sensor is taken.
+    """
+    rank = groups.sensor_range.numpy() / 1e3 - count[groups.member.numpy()]  # ranges below 1 km
     return replace(groups, finest=torch.from_numpy(first_minimum(rank, groups.offsets.numpy())))
 
 

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
-import torch
 from jaxtyping import Float
 from scipy.spatial import cKDTree
 
-from gcl_core.data.groups import first_minimum
+from gcl_core.data.groups import with_most
 from gcl_core.data.sequence import Sequence
 from gcl_core.errors import GclError
 from gcl_core.evaluation.neighborhood import VOXEL, Neighborhood, neighborhoods
@@ -105,10 +104,7 @@ def densest(place: Neighborhood, groups: PositiveGroups) -> PositiveGroups:
     for cloud, points in zip(place.clouds, place.points, strict=True):
         _, nearest = cKDTree(points.numpy()).query(cloud.points, distance_upper_bound=VOXEL)
         returns.append(np.bincount(nearest, minlength=len(points) + 1)[:-1])
-    own = np.concatenate(returns)[groups.member.numpy()]
-    rank = groups.sensor_range.numpy() / 1e3 - own  # ranges are below 80 m
-    finest = first_minimum(rank, groups.offsets.numpy())
-    return replace(groups, finest=torch.from_numpy(finest))
+    return with_most(groups, np.concatenate(returns))
 
 
 def two_members(groups: PositiveGroups, rng: np.random.Generator) -> Ranges:
