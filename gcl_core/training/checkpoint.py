@@ -51,20 +51,52 @@ def save(path: Path, state: State, step: int, config: dict[str, Any]) -> None:
         save_file(tensors, part, metadata=metadata)
 
 
-def check_recipe(path: Path, config: dict[str, Any]) -> None:
-    """See that a run goes on with the recipe that it began with, as far as samples follow from it.
+def load(path: Path, state: State, config: dict[str, Any] | None = None) -> int:
+    """Restore a state in place; return the step to go on with.
 
-    Losses, optimiser and number of steps may change while there are steps left.
+    Args:
+        path: file.
+        state: to restore.
+        config: recipe to go on with.
 
     Raises:
-        GclError: another network, other samples, groups, batch or seed.
+        GclError: the file is damaged, of another network, of another format, or of a run with
+            other samples, groups, batch or seed.
     """
+    parts: dict[str, dict[str, torch.Tensor]] = {'model': {}, 'optimizer': {}, 'average': {}}
     try:
         with safe_open(path, framework='pt') as file:
             metadata = file.metadata() or {}
-            held, step = json.loads(metadata.get('config', '{}')), int(metadata.get('step', 0))
-    except (SafetensorError, ValueError):
-        return  # damaged: `load` says so
+            if (written := metadata.get('format')) != FORMAT:
+                raise GclError(
+                    f'{path} has format {written!r}, this version reads {FORMAT!r}; go on with '
+                    'the version that wrote it, or remove it to start anew'
+                )
+            step = int(metadata['step'])
+            if config is not None:
+                _check_recipe(path, json.loads(metadata.get('config', '{}')), step, config)
+            for name in file.keys():  # noqa: SIM118 (not a dict)
+                kind, rest = name.split('.', 1)
+                parts[kind][rest] = file.get_tensor(name)
+        state.model.load_state_dict(parts['model'])
+        if state.average:
+            state.average.load_state_dict(parts['average'])
+        moments = _moments(parts['optimizer'], state)
+        state.optimizer.load_state_dict({**state.optimizer.state_dict(), 'state': moments})
+    except GclError:
+        raise
+    except (SafetensorError, LookupError, TypeError, ValueError, RuntimeError) as error:
+        raise GclError(
+            f'{path} is damaged or holds another network; remove it to start anew ({error})'
+        ) from None
+    return step
+
+
+def _check_recipe(path: Path, held: dict[str, Any], step: int, config: dict[str, Any]) -> None:
+    """See that a run goes on with the recipe that it began with, as far as samples follow from it.
+
+    Losses, optimiser and number of steps may change while there are steps left.
+    """
     now = json.loads(json.dumps(config))
     fixed = FIXED if step < now['steps'] else (*FIXED, 'loss', 'optimizer')
     differing = [name for name in fixed if name in held and _differs(held[name], now[name])]
@@ -80,39 +112,6 @@ def _differs(held: Any, now: Any) -> bool:
     if isinstance(held, dict) and isinstance(now, dict):
         return any(key not in now or _differs(value, now[key]) for key, value in held.items())
     return bool(held != now)
-
-
-def load(path: Path, state: State) -> int:
-    """Restore a state in place; return the step to go on with.
-
-    Raises:
-        GclError: the file is damaged, of another network, or of another format.
-    """
-    parts: dict[str, dict[str, torch.Tensor]] = {'model': {}, 'optimizer': {}, 'average': {}}
-    try:
-        with safe_open(path, framework='pt') as file:
-            metadata = file.metadata() or {}
-            if (written := metadata.get('format')) != FORMAT:
-                raise GclError(
-                    f'{path} has format {written!r}, this version reads {FORMAT!r}; go on with '
-                    'the version that wrote it, or remove it to start anew'
-                )
-            step = int(metadata['step'])
-            for name in file.keys():  # noqa: SIM118 (not a dict)
-                kind, rest = name.split('.', 1)
-                parts[kind][rest] = file.get_tensor(name)
-        state.model.load_state_dict(parts['model'])
-        if state.average:
-            state.average.load_state_dict(parts['average'])
-        moments = _moments(parts['optimizer'], state)
-        state.optimizer.load_state_dict({**state.optimizer.state_dict(), 'state': moments})
-    except GclError:
-        raise
-    except (SafetensorError, KeyError, IndexError, ValueError, RuntimeError) as error:
-        raise GclError(
-            f'{path} is damaged or holds another network; remove it to start anew ({error})'
-        ) from None
-    return step
 
 
 def _moments(tensors: dict[str, torch.Tensor], state: State) -> dict[int, dict[str, torch.Tensor]]:

@@ -59,8 +59,7 @@ class Trainer:
         self.average = averaged(self.model) if config.optimizer.average else None
         self.step = 0
         if self._checkpoint.exists():
-            checkpoint.check_recipe(self._checkpoint, asdict(config))
-            self.step = checkpoint.load(self._checkpoint, self._state())
+            self.step = checkpoint.load(self._checkpoint, self._state(), asdict(config))
         self._parallel = self.processes.parallel(self.model)
 
     @property
