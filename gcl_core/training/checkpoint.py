@@ -15,7 +15,8 @@ from gcl_core.errors import GclError
 from gcl_core.files import whole_file
 
 FORMAT = 'gcl-checkpoint-2'
-FIXED = ('network', 'samples', 'groups', 'batch', 'seed')  # of a recipe, from the first step on
+# What of a recipe stays as it is from the first step on.
+FIXED = ('network', 'samples', 'groups', 'batch', 'seed', 'start')
 
 
 @dataclass(frozen=True)

@@ -89,6 +89,8 @@ class TrainConfig:
         batch: samples of a step, whose gradients are averaged; divided among the processes.
         bf16: compute in bfloat16.
         seed: of worlds, groups and initial weights; 0 to 699.
+        start: weights to begin from instead of new ones: a shipped name or a file, of the same
+            network.
         save_every: steps between checkpoints.
         validate_every: steps between validations on held-out streets; 0 for none.
         workers: processes that cut samples.
@@ -103,6 +105,7 @@ class TrainConfig:
     batch: int = 1
     bf16: bool = True
     seed: int = 1
+    start: str = ''
     save_every: int = 50
     validate_every: int = 0
     workers: int = 1

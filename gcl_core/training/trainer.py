@@ -14,9 +14,10 @@ from torch import nn
 from torch.utils.data import DataLoader
 
 from gcl_core.data.groups import densest, find_groups, sample_groups
+from gcl_core.errors import GclError
 from gcl_core.losses.combined import combined
 from gcl_core.models.backbone import Backbone
-from gcl_core.models.zoo import build
+from gcl_core.models.zoo import build, load_weights
 from gcl_core.ops.memory import keep_freed_memory
 from gcl_core.progress import progress
 from gcl_core.training import checkpoint
@@ -53,12 +54,15 @@ class Trainer:
         self._share = self.processes.share(config.batch)
         folder.mkdir(parents=True, exist_ok=True)
         torch.manual_seed(config.seed)
-        self.model = build(config.network).to(self.processes.device)
+        resumed = self._checkpoint.exists()
+        self.model = (build(config.network) if resumed else begin(config)).to(
+            self.processes.device
+        )
         self.model.dtype = torch.bfloat16 if config.bf16 else torch.float32
         self.optimizer = optimizer(self.model, config.optimizer)
         self.average = averaged(self.model) if config.optimizer.average else None
         self.step = 0
-        if self._checkpoint.exists():
+        if resumed:
             self.step = checkpoint.load(self._checkpoint, self._state(), asdict(config))
         self._parallel = self.processes.parallel(self.model)
 
@@ -179,6 +183,25 @@ class Trainer:
             'top1': top1(features.detach().cpu(), groups, splits),
             'grouped': len(groups) / max(1, splits[1]),
         }
+
+
+def begin(config: TrainConfig) -> Backbone[Any, Any]:
+    """Make the network of a recipe: new, or with the weights that it starts from.
+
+    Raises:
+        GclError: those weights cannot be read, or are of another network.
+    """
+    if not config.start:
+        return build(config.network)
+    model = load_weights(config.start)
+    held, wanted = asdict(model.config), asdict(config.network)
+    differing = [n for n in {**held, **wanted} if held.get(n) != wanted.get(n)]
+    if differing:
+        raise GclError(
+            f'start is {config.start!r}, whose network has other {", ".join(differing)}; set '
+            'network as in the record beside the weights, or start from nothing'
+        )
+    return model
 
 
 def optimizer(model: nn.Module, config: OptimizerConfig) -> torch.optim.Optimizer:

@@ -17,6 +17,7 @@ from gcl_core.errors import GclError
 from gcl_core.losses.combined import LossConfig
 from gcl_core.models.kpconv_resunet import KPConvConfig
 from gcl_core.models.resunet import ResUNet, ResUNetConfig
+from gcl_core.models.zoo import save_weights
 from gcl_core.training import neighbor_limits
 from gcl_core.training.distributed import Processes
 from gcl_core.training.recipe import GroupConfig, OptimizerConfig, TrainConfig
@@ -116,6 +117,26 @@ def test_a_run_goes_on_with_the_samples_that_it_began_with(tmp_path):
     ):
         with pytest.raises(GclError, match=f'of a run with other {name}; set'):
             Trainer(replace(CONFIG, **change), tmp_path)
+
+
+def test_a_run_can_start_from_weights(tmp_path):
+    first = Trainer(CONFIG, tmp_path / 'first')
+    held = tmp_path / 'first/weights.safetensors'
+    save_weights(held, first.model, {})
+    config = replace(CONFIG, seed=2, start=str(held))
+    trainer = Trainer(config, tmp_path / 'second')
+    for model in (trainer.model, trainer.shipped):
+        for name, tensor in model.state_dict().items():
+            torch.testing.assert_close(tensor, first.model.state_dict()[name], msg=name)
+    trainer.save()
+    held.unlink()
+    with pytest.raises(GclError, match='of a run with other start; set'):
+        Trainer(replace(config, start=''), tmp_path / 'second')
+
+
+def test_weights_of_another_network_are_no_start(tmp_path):
+    with pytest.raises(GclError, match=r'whose network has other .*voxel_size.*; set network'):
+        Trainer(replace(CONFIG, start='gcl_conv'), tmp_path)
 
 
 @pytest.mark.parametrize('seed', [-1, 700])
