@@ -177,7 +177,7 @@ class Registrar:
         Raises:
             GclError: no point lies within the network's range.
         """
-        known = known or undescribed(cloud, self.model.facing(cloud), self.config.refine)
+        known = known or self._undescribed(cloud)
         points = se3.transform(known.T_view_lidar, cloud.points)
         yaws = [yaw + 2 * np.pi * k / turns for k in range(turns)]
         matrices = [se3.from_xyz_rpy(yaw=yaw) for yaw in yaws]
@@ -191,6 +191,9 @@ class Registrar:
             turns=torch.from_numpy(np.stack(matrices)),
         )
 
+    def _undescribed(self, cloud: PointCloud) -> View:
+        return undescribed(cloud, self.model.facing(cloud), self.config.refine)
+
     def views(self, *, source: PointCloud, target: PointCloud) -> tuple[View, View]:
         """Prepare both scans of a pair, the source at all headings.
 
@@ -198,7 +201,7 @@ class Registrar:
             GclError: a cloud has no point within the network's range.
         """
         seen = self.view(target)
-        known = undescribed(source, self.model.facing(source), self.config.refine)
+        known = self._undescribed(source)
         yaw = self.first_yaw(source=known, target=seen)
         return self.view(source, turns=self.config.turns, yaw=yaw, known=known), seen
 
@@ -211,7 +214,7 @@ class Registrar:
         watch = Stopwatch()
         with watch('describe'):
             seen = self.view(target)
-            view = undescribed(source, self.model.facing(source), self.config.refine)
+            view = self._undescribed(source)
         yaw = self.first_yaw(source=view, target=seen)
         for turns in self.config.looks:
             with watch('describe'):
