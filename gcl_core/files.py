@@ -6,7 +6,7 @@ import hashlib
 import os
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from safetensors import SafetensorError
@@ -46,7 +46,7 @@ def check_writable(*paths: Path) -> None:
     """
     for path in paths:
         try:
-            if not path.parent.exists():
+            with suppress(FileExistsError):  # another process may make it at the same moment
                 path.parent.mkdir(parents=True)
             with tempfile.TemporaryFile(dir=path.parent):
                 pass

@@ -2,6 +2,8 @@
 
 import stat
 import sys
+import threading
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -47,6 +49,17 @@ def test_looking_makes_the_folder_and_leaves_nothing_in_it(tmp_path):
     assert [path.name for path in tmp_path.rglob('*')] == ['a']
     with pytest.raises(GclError, match='a: it is a folder'):
         check_writable(tmp_path / 'a')
+
+
+def test_several_may_look_at_once(tmp_path):
+    def look(round_: int) -> None:
+        together.wait()
+        check_writable(tmp_path / str(round_) / 'a/b.json')
+
+    for round_ in range(50):
+        together = threading.Barrier(4)
+        with ThreadPoolExecutor(4) as pool:
+            list(pool.map(look, [round_] * 4))
 
 
 def test_whoever_may_read_a_new_file_may_read_weights(tmp_path):
