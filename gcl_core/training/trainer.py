@@ -55,9 +55,8 @@ class Trainer:
         folder.mkdir(parents=True, exist_ok=True)
         torch.manual_seed(config.seed)
         resumed = self._checkpoint.exists()
-        self.model = (build(config.network) if resumed else begin(config)).to(
-            self.processes.device
-        )
+        model = build(config.network) if resumed else begin(config)
+        self.model = model.to(self.processes.device)
         self.model.dtype = torch.bfloat16 if config.bf16 else torch.float32
         self.optimizer = optimizer(self.model, config.optimizer)
         self.average = averaged(self.model) if config.optimizer.average else None
