@@ -7,8 +7,7 @@ from dataclasses import asdict
 
 from gcl_core.cli.outcome import Answer
 from gcl_core.config import load_config
-from gcl_core.files import sha256
-from gcl_core.models.zoo import save_weights, weights_file
+from gcl_core.models.zoo import save_weights
 from gcl_core.training.curves import training_curves
 from gcl_core.training.distributed import processes
 from gcl_core.training.recipe import TrainConfig
@@ -21,8 +20,6 @@ def run(options: argparse.Namespace) -> Answer:
     if options.cache:
         options.cache.mkdir(parents=True, exist_ok=True)
     cache = (options.cache, options.cache_gb) if options.cache else None
-    begun = weights_file(config.start)
-    start = sha256(begun) if config.start and begun.is_file() else ''
     with processes() as own:
         trainer = Trainer(config, options.out, own, cache=cache)
         trainer.run()
@@ -34,8 +31,8 @@ def run(options: argparse.Namespace) -> Answer:
         'steps': trainer.step,
         'data': data if config.samples.data else 'simulated streets only',
     }
-    if start:
-        record['start_sha256'] = start
+    if trainer.start_sha256:
+        record['start_sha256'] = trainer.start_sha256
     save_weights(options.out / 'weights.safetensors', trainer.shipped, record)
     log = options.out / 'log.jsonl'
     training_curves(options.out / 'curves.png', {'run': log})

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import torch
 from safetensors import SafetensorError, safe_open
@@ -34,7 +34,16 @@ class State:
     average: torch.nn.Module | None
 
 
-def save(path: Path, state: State, step: int, config: dict[str, Any]) -> None:
+class Resumed(NamedTuple):
+    """Where a run stands: steps taken, and the SHA-256 of the weights that it began from."""
+
+    step: int
+    start_sha256: str
+
+
+def save(
+    path: Path, state: State, step: int, config: dict[str, Any], start_sha256: str = ''
+) -> None:
     """Write a checkpoint; a kill, or a full disk, leaves the last one whole.
 
     Raises:
@@ -48,12 +57,13 @@ def save(path: Path, state: State, step: int, config: dict[str, Any]) -> None:
         averaged = state.average.state_dict()
         tensors.update({f'average.{name}': t.clone() for name, t in averaged.items()})
     metadata = {'format': FORMAT, 'step': str(step), 'config': json.dumps(config)}
+    metadata['start_sha256'] = start_sha256
     with whole_file(path) as part:
         save_file(tensors, part, metadata=metadata)
 
 
-def load(path: Path, state: State, config: dict[str, Any] | None = None) -> int:
-    """Restore a state in place; return the step to go on with.
+def load(path: Path, state: State, config: dict[str, Any] | None = None) -> Resumed:
+    """Restore a state in place; return where to go on.
 
     Args:
         path: file.
@@ -90,7 +100,7 @@ def load(path: Path, state: State, config: dict[str, Any] | None = None) -> int:
         raise GclError(
             f'{path} is damaged or holds another network; remove it to start anew ({error})'
         ) from None
-    return step
+    return Resumed(step, metadata.get('start_sha256', ''))
 
 
 def _check_recipe(path: Path, held: dict[str, Any], step: int, config: dict[str, Any]) -> None:

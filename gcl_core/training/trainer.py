@@ -15,9 +15,10 @@ from torch.utils.data import DataLoader
 
 from gcl_core.data.groups import densest, find_groups, sample_groups
 from gcl_core.errors import GclError
+from gcl_core.files import sha256
 from gcl_core.losses.combined import combined
 from gcl_core.models.backbone import Backbone
-from gcl_core.models.zoo import build, load_weights
+from gcl_core.models.zoo import build, load_weights, weights_file
 from gcl_core.ops.memory import keep_freed_memory
 from gcl_core.progress import progress
 from gcl_core.training import checkpoint
@@ -60,9 +61,12 @@ class Trainer:
         self.model.dtype = torch.bfloat16 if config.bf16 else torch.float32
         self.optimizer = optimizer(self.model, config.optimizer)
         self.average = averaged(self.model) if config.optimizer.average else None
-        self.step = 0
+        self.step, self.start_sha256 = 0, ''
         if resumed:
-            self.step = checkpoint.load(self._checkpoint, self._state(), asdict(config))
+            held = checkpoint.load(self._checkpoint, self._state(), asdict(config))
+            self.step, self.start_sha256 = held
+        elif config.start:
+            self.start_sha256 = sha256(weights_file(config.start))
         self._parallel = self.processes.parallel(self.model)
 
     @property
@@ -127,7 +131,8 @@ class Trainer:
     def save(self) -> None:
         """Write the checkpoint; the first process does it for all."""
         if self.processes.first:
-            checkpoint.save(self._checkpoint, self._state(), self.step, asdict(self.config))
+            config = asdict(self.config)
+            checkpoint.save(self._checkpoint, self._state(), self.step, config, self.start_sha256)
 
     def train_step(self, samples: Sequence[Sample[Any]]) -> dict[str, float]:
         """Take one optimiser step; return what belongs in the log."""
@@ -195,6 +200,8 @@ def begin(config: TrainConfig) -> Backbone[Any, Any]:
     model = load_weights(config.start)
     held, wanted = asdict(model.config), asdict(config.network)
     differing = [n for n in {**held, **wanted} if held.get(n) != wanted.get(n)]
+    if 'backbone' in differing:  # two backbones share few of their settings
+        differing = ['backbone']
     if differing:
         raise GclError(
             f'start is {config.start!r}, whose network has other {", ".join(differing)}; set '

@@ -14,6 +14,7 @@ from scipy.spatial import cKDTree
 from gcl_core import se3
 from gcl_core.data.simulator.sequence import SimulatedSequence
 from gcl_core.errors import GclError
+from gcl_core.files import sha256
 from gcl_core.losses.combined import LossConfig
 from gcl_core.models.kpconv_resunet import KPConvConfig
 from gcl_core.models.resunet import ResUNet, ResUNetConfig
@@ -129,14 +130,19 @@ def test_a_run_can_start_from_weights(tmp_path):
         for name, tensor in model.state_dict().items():
             torch.testing.assert_close(tensor, first.model.state_dict()[name], msg=name)
     trainer.save()
-    held.unlink()
+    began = sha256(held)
+    held.write_bytes(b'other weights, put there between two sittings')
+    assert Trainer(config, tmp_path / 'second').start_sha256 == trainer.start_sha256 == began
     with pytest.raises(GclError, match='of a run with other start; set'):
         Trainer(replace(config, start=''), tmp_path / 'second')
 
 
-def test_weights_of_another_network_are_no_start(tmp_path):
-    with pytest.raises(GclError, match=r'whose network has other .*voxel_size.*; set network'):
-        Trainer(replace(CONFIG, start='gcl_conv'), tmp_path)
+@pytest.mark.parametrize(
+    ('weights', 'named'), [('gcl_conv', '.*voxel_size.*'), ('gcl_kpconv', 'backbone')]
+)
+def test_weights_of_another_network_are_no_start(tmp_path, weights, named):
+    with pytest.raises(GclError, match=f'whose network has other {named}; set network'):
+        Trainer(replace(CONFIG, start=weights), tmp_path)
 
 
 @pytest.mark.parametrize('seed', [-1, 700])
