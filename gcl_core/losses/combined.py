@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -39,6 +40,8 @@ class LossConfig:
             is the paper.
         squared: the squared form of the public code instead of the paper's.
         temperature: of the contrastive softmax.
+        safe_radius: groups whose spots are nearer are no negatives of each other in the
+            contrastive softmax, metres.
     """
 
     contrast: float = 1.0
@@ -51,6 +54,7 @@ class LossConfig:
     gcl_from: float = 0.5
     squared: bool = True
     temperature: float = 0.1
+    safe_radius: float = 1.2
 
     def __post_init__(self) -> None:
         weights = {name: getattr(self, name) for name in TERMS}
@@ -63,6 +67,8 @@ class LossConfig:
                 f'loss.temperature is {self.temperature:g}; below {LOWEST_TEMPERATURE:g} the '
                 'softmax overflows'
             )
+        if not 0 < self.safe_radius < math.inf:
+            raise GclError(f'loss.safe_radius is {self.safe_radius}; choose some metres')
         if self.contrast == 0 and self.gcl_from > 0:
             raise GclError(
                 f'loss.gcl_from is {self.gcl_from:g} and loss.contrast 0, so that nothing is '
@@ -106,7 +112,9 @@ def combined(
 TERMS: dict[
     str, Callable[[torch.Tensor, PositiveGroups, LossConfig, torch.Generator], torch.Tensor]
 ] = {
-    'contrast': lambda f, g, c, _: group_contrast(f, g, temperature=c.temperature),
+    'contrast': lambda f, g, c, _: group_contrast(
+        f, g, temperature=c.temperature, safe_radius=c.safe_radius
+    ),
     'pair': lambda f, g, c, r: positive_pair(f, g, generator=r, squared=c.squared),
     'variance': lambda f, g, c, _: positive_variance(f, g, squared=c.squared),
     'finest': lambda f, g, c, _: finest(f, g, squared=c.squared),

@@ -24,7 +24,7 @@ RECIPE = TrainConfig(
     groups=GroupConfig(count=64),
     bf16=False,
 )
-SHIPPED = Path(__file__).parents[2] / 'config' / 'ablation.yaml'
+SHIPPED = sorted((Path(__file__).parents[2] / 'config').glob('ablation*.yaml'))
 
 
 def config_in(folder, *runs):
@@ -33,10 +33,11 @@ def config_in(folder, *runs):
     return AblationConfig('recipe.yaml', 6, runs, ('save_every=1',))
 
 
-def test_runs_describe_as_many_scans_whatever_is_sampled_together():
-    config = load_config(AblationConfig, SHIPPED)
+@pytest.mark.parametrize('path', SHIPPED, ids=lambda path: path.stem)
+def test_runs_describe_as_many_scans_whatever_is_sampled_together(path):
+    config = load_config(AblationConfig, path)
     for run in config.runs:
-        found = recipe(config, run, SHIPPED.parent, 0)
+        found = recipe(config, run, path.parent, 0)
         scans = 2 if found.samples.pair_stages else 1 + found.samples.phi
         assert found.steps * scans == pytest.approx(config.scans, abs=scans)
 
