@@ -78,8 +78,3 @@ FIGURES = {
 def test_bad_lists_of_runs_are_named(runs, message):
     with pytest.raises(GclError, match=message):
         AblationConfig('recipe.yaml', 6, runs)
-
-
-def test_the_recipe_of_the_shipped_one_is_there():
-    config = load_config(AblationConfig, SHIPPED)
-    assert isinstance(load_config(TrainConfig, SHIPPED.parent / config.recipe), TrainConfig)

@@ -164,6 +164,15 @@ def test_a_temperature_that_overflows_is_refused():
         LossConfig(temperature=0.9 * LOWEST_TEMPERATURE)
 
 
+def test_safe_radius_of_a_recipe_is_that_of_the_softmax():
+    groups = groups_of([0, 2], [1, 3], finest_at=[0, 2])
+    far = LossConfig(temperature=1.0, safe_radius=50.0)
+    _, parts = combined(FEATURES, groups, far, progress=0.0, generator=torch.Generator())
+    assert parts['contrast'] < 1e-5
+    with pytest.raises(GclError, match='safe_radius is 0'):
+        LossConfig(safe_radius=0.0)
+
+
 def test_a_recipe_that_learns_nothing_at_first_is_refused():
     with pytest.raises(GclError, match='set gcl_from to 0'):
         LossConfig(contrast=0, gcl_from=0.5)
