@@ -87,6 +87,8 @@ def benchmark(options: argparse.Namespace) -> BenchmarkConfig:
 
 
 def _source(options: argparse.Namespace, source: SourceConfig) -> SourceConfig:
+    if options.sensor:
+        source = replace(source, sensors=tuple(options.sensor))
     if options.simulated is not None and options.sequence:
         raise GclError(f'--sequence {options.sequence[0]} is of --data; --simulated has but one')
     if options.simulated is not None:

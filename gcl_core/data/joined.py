@@ -25,6 +25,7 @@ class JoinedSequence:
             for drive, sensor in zip(drives, sensors, strict=True)
             for i in range(len(drive))
         ]
+        self._numbers = [number for number, drive in enumerate(drives) for _ in range(len(drive))]
 
     def __len__(self) -> int:
         return len(self._scans)
@@ -38,6 +39,10 @@ class JoinedSequence:
         """Pose of the sensor at that scan."""
         drive, i, _ = self._scans[index]
         return drive.T_world_lidar(i)
+
+    def drive(self, index: int) -> int:
+        """Which of the drives a scan is of."""
+        return self._numbers[index]
 
     def sensor(self, index: int) -> str:
         """Name of the sensor that saw a scan."""

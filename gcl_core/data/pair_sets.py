@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
+import numpy as np
+
 from gcl_core.data.distance_pairs import DistanceRule, dense_rule, distance_pairs, fcgf_pairs
+from gcl_core.data.joined import JoinedSequence
 from gcl_core.data.overlap import LOW, overlap
 from gcl_core.data.pair_list import ListedPair, PairList, listed
 from gcl_core.data.pairs import draw_pairs
 from gcl_core.data.sequence import Sequence, T_target_source, positions
+from gcl_core.errors import GclError
 
 Sequences = Mapping[str, Sequence]  # by the short name that a list gives them
 LOW_OVERLAP_BINS = ((5, 20), (20, 30), (30, 40), (40, 50))  # metres; paper, appendix
@@ -71,14 +75,38 @@ def low_overlap_set(
     )
 
 
-def random_set(sequences: Sequences, *, per_bin: int, seed: int) -> PairList:
-    """Random pairs in five distance bins, for short sequences: see `draw_pairs`."""
+def random_set(
+    sequences: Sequences, *, per_bin: int, seed: int, between: bool = False
+) -> PairList:
+    """Random pairs in five distance bins, for short sequences: see `draw_pairs`.
+
+    Args:
+        sequences: by short name.
+        per_bin: most pairs of a bin and a sequence.
+        seed: of the draw.
+        between: only pairs between two vehicles, of sequences that join them.
+
+    Raises:
+        GclError: pairs between two vehicles are wanted of a sequence of one.
+    """
 
     def draw(sequence: Sequence) -> list[tuple[int, int]]:
-        return [(p.source, p.target) for p in draw_pairs(sequence, per_bin=per_bin, seed=seed)]
+        drives = _drives(sequence) if between else None
+        pairs = draw_pairs(sequence, per_bin=per_bin, seed=seed, drives=drives)
+        return [(p.source, p.target) for p in pairs]
 
-    name = f'{_kind(sequences)} random {per_bin} a bin, seed {seed}'
+    two = ' between two vehicles' if between else ''
+    name = f'{_kind(sequences)} random {per_bin} a bin{two}, seed {seed}'
     return PairList(name, _each(sequences, draw), None, (_poses(sequences),))
+
+
+def _drives(sequence: Sequence) -> np.ndarray:
+    if not isinstance(sequence, JoinedSequence):
+        raise GclError(
+            f'{sequence.name} is one vehicle, and pairs.between wants pairs of two; give '
+            'source.meet, or leave pairs.between out'
+        )
+    return np.array([sequence.drive(i) for i in range(len(sequence))])
 
 
 def _each(

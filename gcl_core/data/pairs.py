@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Int
 from scipy.spatial import cKDTree
 
 from gcl_core.data.sequence import Sequence, positions
@@ -29,14 +30,28 @@ class Pair:
     bin: tuple[int, int]
 
 
-def draw_pairs(sequence: Sequence, *, per_bin: int, seed: int = 0) -> list[Pair]:
+def draw_pairs(
+    sequence: Sequence,
+    *,
+    per_bin: int,
+    seed: int = 0,
+    drives: Int[np.ndarray, ' n'] | None = None,
+) -> list[Pair]:
     """Draw up to `per_bin` random pairs for each of `BINS`; the earlier scan is the target.
 
     Not the paper's protocol for KITTI [b1, b2], which needs a whole drive; short sequences use it.
     Pairs of one drive are correlated, so that intervals on them are too narrow.
+
+    Args:
+        sequence: to draw from.
+        per_bin: most pairs of a bin.
+        seed: of the draw.
+        drives: drive of each scan; only pairs of scans of two drives are drawn.
     """
     where = positions(sequence)
     near = cKDTree(where).query_pairs(BINS[-1][1], output_type='ndarray')
+    if drives is not None:
+        near = near[drives[near[:, 0]] != drives[near[:, 1]]]
     target, source = near[np.lexsort((near[:, 1], near[:, 0]))].T
     distance = np.linalg.norm(where[source] - where[target], axis=1)
     rng = np.random.default_rng(seed)

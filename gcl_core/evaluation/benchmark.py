@@ -45,6 +45,12 @@ class SourceConfig:
             raise GclError(
                 'source.deskew or --deskew is of --data; simulated scans need none: leave it out'
             )
+        most = 2 if self.meet else 1
+        if len(self.sensors) > most:
+            raise GclError(
+                f'{len(self.sensors)} sensors given ({", ".join(self.sensors)}) for {most} '
+                'vehicle(s); two of them need source.meet'
+            )
 
 
 @dataclass(frozen=True)
@@ -56,6 +62,7 @@ class PairsConfig:
             [10,10]; `low_overlap`, LoKITTI and LoNuScenes; `list`, a file.
         per_bin: of `random`.
         seed: of `random`.
+        between: of `random`: only pairs between the two simulated vehicles of `source.meet`.
         ranges: of `distance`, metres.
         file: of `list`.
         limit: most pairs of a set (of each range), spread evenly over it; 0 for all.
@@ -65,6 +72,7 @@ class PairsConfig:
     kind: Literal['random', 'distance', 'fcgf', 'low_overlap', 'list'] = 'random'
     per_bin: int = 16
     seed: int = 0
+    between: bool = False
     ranges: tuple[tuple[int, int], ...] = BINS
     file: str = ''
     limit: int = 0

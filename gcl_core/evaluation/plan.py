@@ -157,7 +157,9 @@ def _lists(config: PairsConfig, sequences: dict[str, Sequence]) -> Iterator[Pair
             found = pair_sets.low_overlap_set(sequences, keep=lambda *_: bar.update() and None)
         yield found
     else:
-        yield pair_sets.random_set(sequences, per_bin=config.per_bin, seed=config.seed)
+        yield pair_sets.random_set(
+            sequences, per_bin=config.per_bin, seed=config.seed, between=config.between
+        )
 
 
 def _dataset(source: SourceConfig, config: PairsConfig, pairs: PairList) -> str:

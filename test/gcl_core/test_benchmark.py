@@ -149,6 +149,7 @@ def test_missing_weights_come_with_the_command_that_makes_them(data, tmp_path, c
         ('methods: [{kind: other}]', "'other' is none of ours, peer, estimators"),
         ('methods: []', 'methods is empty'),
         ('pairs: [{kind: list, per_bin: 0}]', 'per_bin is 0'),
+        ('source: {sensors: [vlp16, hdl64e]}', '2 sensors given .vlp16, hdl64e. for 1'),
         ('source: {meet: dancing}', "'dancing' is none of"),
         ('figure: []', "unknown key 'figure'"),
         ('figures: [drifts]', "'drifts' is none of"),
@@ -235,6 +236,24 @@ def test_vehicles_that_meet_make_pairs_of_both_sensors(tmp_path):
     assert all(set(p.sensors.split(' to ')) <= names for p in predictions)
     assert all(0 < p.overlap < 1 for p in predictions)
     assert np.ptp([p.pair.distance for p in predictions]) > 30
+
+
+def test_pairs_between_vehicles_are_of_one_sensor_each(tmp_path):
+    (tmp_path / 'b.yaml').write_text(
+        'source: {simulated: [3], meet: oncoming}\npairs: [{per_bin: 2, between: true}]\n'
+        'methods: [{kind: peer, name: gicp}]\n'
+    )
+    command = ['evaluate', '--config', str(tmp_path / 'b.yaml'), '--out', str(tmp_path / 'out')]
+    assert main([*command, '--sensor', 'vlp16', 'hdl32e']) == 0
+    rows = (tmp_path / 'out' / 'predictions-0.jsonl').read_text().splitlines()
+    assert len(rows) == 10
+    assert {json.loads(row)['sensors'] for row in rows} == {'hdl32e to vlp16'}
+
+
+def test_pairs_between_vehicles_need_two(tmp_path, capsys):
+    (tmp_path / 'b.yaml').write_text('pairs: [{between: true}]\nmethods: [{}]\n')
+    assert main(['evaluate', '--config', str(tmp_path / 'b.yaml'), '--simulated', '3']) == 2
+    assert 'sim/3 is one vehicle' in capsys.readouterr().err
 
 
 def test_the_results_of_make_bench(data, tmp_path, monkeypatch, capsys):

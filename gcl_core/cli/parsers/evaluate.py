@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from gcl_core.cli.parsers.choices import ESTIMATORS, PEERS
+from gcl_core.cli.parsers.choices import ESTIMATORS, PEERS, SENSORS
 from gcl_core.cli.parsers.form import add_json, add_source, form
 from gcl_core.cli.parsers.quantities import count, seed
 
@@ -30,6 +30,12 @@ def add_parser(commands: Any) -> None:
     parser.add_argument('--config', type=Path, help='YAML of BenchmarkConfig')
     parser.add_argument('--out', type=Path, help='folder: predictions, results, report.html')
     parser.add_argument('--pairs', type=Path, help='list of pairs, as `gcl pairs` writes it')
+    parser.add_argument(
+        '--sensor',
+        nargs='+',
+        choices=SENSORS,
+        help='of simulated vehicles; of two that meet, both',
+    )
     parser.add_argument(
         '--per-bin', type=count, help='random pairs in each distance bin; default: 16'
     )
