@@ -16,6 +16,9 @@ class JoinedSequence:
         name: of the whole.
         drives: in one world frame.
         sensors: name of each drive's sensor.
+
+    Attributes:
+        drives: number of the drive that each scan is of.
     """
 
     def __init__(self, name: str, drives: list[Sequence], sensors: list[str]) -> None:
@@ -25,7 +28,7 @@ class JoinedSequence:
             for drive, sensor in zip(drives, sensors, strict=True)
             for i in range(len(drive))
         ]
-        self._numbers = [number for number, drive in enumerate(drives) for _ in range(len(drive))]
+        self.drives = np.repeat(np.arange(len(drives)), [len(drive) for drive in drives])
 
     def __len__(self) -> int:
         return len(self._scans)
@@ -39,10 +42,6 @@ class JoinedSequence:
         """Pose of the sensor at that scan."""
         drive, i, _ = self._scans[index]
         return drive.T_world_lidar(i)
-
-    def drive(self, index: int) -> int:
-        """Which of the drives a scan is of."""
-        return self._numbers[index]
 
     def sensor(self, index: int) -> str:
         """Name of the sensor that saw a scan."""

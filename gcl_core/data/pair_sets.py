@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 import numpy as np
+from jaxtyping import Int
 
 from gcl_core.data.distance_pairs import DistanceRule, dense_rule, distance_pairs, fcgf_pairs
 from gcl_core.data.joined import JoinedSequence
@@ -100,13 +101,13 @@ def random_set(
     return PairList(name, _each(sequences, draw), None, (_poses(sequences),))
 
 
-def _drives(sequence: Sequence) -> np.ndarray:
+def _drives(sequence: Sequence) -> Int[np.ndarray, ' n']:
     if not isinstance(sequence, JoinedSequence):
         raise GclError(
             f'{sequence.name} is one vehicle, and pairs.between wants pairs of two; give '
             'source.meet, or leave pairs.between out'
         )
-    return np.array([sequence.drive(i) for i in range(len(sequence))])
+    return sequence.drives
 
 
 def _each(
