@@ -84,7 +84,7 @@ def fixture() -> tuple[PointCloud, ResUNet, SparseTensor]:
 def maps(voxels: SparseTensor) -> Any:
     """Every kernel map of the network."""
     levels = len(FCGF.encoder)
-    return build_pyramid(voxels.keys, levels=levels, stem_kernel=ResUNet.STEM_KERNEL)
+    return build_pyramid(voxels.keys, levels=levels, stem=ResUNet.STEM)
 
 
 def network(

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float, Int64
 
 from gcl_core import se3
-from gcl_core.data.groups import segments
+from gcl_core.data.groups import REACH, segments
 from gcl_core.data.sequence import Sequence, positions
 from gcl_core.errors import GclError
 from gcl_core.types import PointCloud
@@ -48,6 +48,7 @@ class GroupIndex:
     Args:
         sequences: drives with poses.
         phi: neighbours of a centre (paper: 6).
+        reach: of the segments to either side, metres (paper: 60).
         window: frames to either side where neighbours lie. It keeps out later visits of the same
             place, of which the poses drift.
 
@@ -55,19 +56,26 @@ class GroupIndex:
         GclError: no frame has all segments filled.
     """
 
-    def __init__(self, sequences: List[Sequence], *, phi: int = 6, window: int = WINDOW) -> None:
-        self._sequences, self._phi, self._window = list(sequences), phi, window
+    def __init__(
+        self,
+        sequences: List[Sequence],
+        *,
+        phi: int = 6,
+        reach: float = REACH,
+        window: int = WINDOW,
+    ) -> None:
+        self._sequences, self._phi, self._reach, self._window = list(sequences), phi, reach, window
         self._positions = [positions(sequence) for sequence in sequences]
         self.centres = [
             (number, centre)
             for number, where in enumerate(self._positions)
-            for centre in find_centres(where, phi=phi, window=window)
+            for centre in find_centres(where, phi=phi, reach=reach, window=window)
         ]
         if not self.centres:
             names = ', '.join(sequence.name for sequence in sequences) or 'no sequence'
             raise GclError(
                 f'no scan of {names} has a neighbour in each of {phi} segments of '
-                '[-60 m, 60 m]; take longer drives or a smaller phi'
+                f'[-{reach:g} m, {reach:g} m]; take longer drives, a smaller phi or reach'
             )
 
     def __len__(self) -> int:
@@ -85,7 +93,13 @@ class GroupIndex:
         if distances:
             filled = [between(self._positions[drive], centre, distances, self._window)]
         else:
-            filled = segments(self._positions[drive], centre, self._phi, window=self._window)
+            filled = segments(
+                self._positions[drive],
+                centre,
+                self._phi,
+                reach=self._reach,
+                window=self._window,
+            )
         return self._sequences[drive], (centre, *(int(rng.choice(part)) for part in filled))
 
     def group(
@@ -129,13 +143,18 @@ def between(
 
 
 def find_centres(
-    where: Float[np.ndarray, 'n 3'], *, phi: int, every: int = EVERY, window: int = WINDOW
+    where: Float[np.ndarray, 'n 3'],
+    *,
+    phi: int,
+    reach: float = REACH,
+    every: int = EVERY,
+    window: int = WINDOW,
 ) -> list[int]:
     """Frames with a neighbour in each of `phi` segments, `every` frames apart or more."""
     centres = []
     frame = 0
     while frame < len(where):
-        if all(len(part) for part in segments(where, frame, phi, window=window)):
+        if all(len(part) for part in segments(where, frame, phi, reach=reach, window=window)):
             centres.append(frame)
             frame += every
         else:

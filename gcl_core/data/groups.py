@@ -20,9 +20,14 @@ REACH = 60.0  # metres; the paper's [-60 m, 60 m]
 
 
 def segments(
-    positions: Float[np.ndarray, 'n 3'], centre: int, phi: int, *, window: int | None = None
+    positions: Float[np.ndarray, 'n 3'],
+    centre: int,
+    phi: int,
+    *,
+    reach: float = REACH,
+    window: int | None = None,
 ) -> list[Int64[np.ndarray, ' k']]:
-    """Scans in each of `phi` equal segments of [-60 m, 60 m] around a centre scan.
+    """Scans in each of `phi` equal segments of [-reach, reach], metres, around a centre scan.
 
     The signed coordinate is the straight distance, negative for earlier scans. `window` leaves out
     scans more than so many frames away.
@@ -32,7 +37,7 @@ def segments(
     distance = np.linalg.norm(positions[first:last] - positions[centre], axis=1)
     scans = first + np.arange(len(distance))
     signed = np.where(scans < centre, -distance, distance)
-    edges = np.linspace(-REACH, REACH, phi + 1)
+    edges = np.linspace(-reach, reach, phi + 1)
     return [
         scans[(signed >= low) & (signed < high) & (scans != centre)]
         for low, high in pairwise(edges)
@@ -45,13 +50,14 @@ def draw_neighbors(
     phi: int,
     rng: np.random.Generator,
     *,
+    reach: float = REACH,
     window: int | None = None,
 ) -> list[int]:
     """Draw one scan from each segment around a centre scan; see `segments`.
 
     A segment without scans is skipped, as at the ends of a drive.
     """
-    filled = segments(positions, centre, phi, window=window)
+    filled = segments(positions, centre, phi, reach=reach, window=window)
     return [int(rng.choice(part)) for part in filled if len(part)]
 
 

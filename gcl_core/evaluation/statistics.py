@@ -10,7 +10,7 @@ from jaxtyping import Float, Int64
 
 from gcl_core.data.sequence import Sequence
 from gcl_core.evaluation.neighborhood import MAX_RANGE, VOXEL, neighborhood
-from gcl_core.ops.kernel_map import search
+from gcl_core.ops.kernel_map import CUBE_3, search
 from gcl_core.ops.voxelize import voxelize
 from gcl_core.types import PointCloud
 
@@ -38,7 +38,7 @@ class ScanStatistics:
 def measure(cloud: PointCloud) -> ScanStatistics:
     """Count points, voxels and occupied neighbours by range."""
     tensor = voxelize([cloud], voxel_size=VOXEL, max_range=MAX_RANGE)
-    found = search(tensor.keys, tensor.keys, 3)
+    found = search(tensor.keys, tensor.keys, CUBE_3)
     occupied = (found < len(tensor.keys)).sum(0).numpy().astype(float)
     distance = torch.linalg.norm(tensor.points, dim=1).numpy()
     voxels = np.histogram(distance, RINGS)[0]

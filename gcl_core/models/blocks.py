@@ -7,19 +7,41 @@ from jaxtyping import Float
 from torch import nn
 
 from gcl_core.models.folding import Folding
-from gcl_core.ops.kernel_map import KernelMap
+from gcl_core.ops.kernel_map import CUBE_3, KernelMap, KernelShape
+from gcl_core.ops.quarter_turns import QuarterTurnConv, QuarterTurnNorm
 from gcl_core.ops.sparse_conv import FoldedConv, SparseConv
 
 BN_MOMENTUM = 0.05  # of the public code, for both FCGF and GCL+Conv
 
 
 class ConvNorm(Folding[FoldedConv]):
-    """Sparse convolution, batch norm, an optional residual, ReLU."""
+    """Sparse convolution, batch norm, an optional residual, ReLU.
 
-    def __init__(self, in_channels: int, out_channels: int, kernel: int = 3) -> None:
+    Args:
+        in_channels, out_channels: of the convolution.
+        shape: its kernel.
+        quarter_turns: whether its features are in four blocks, see `ops.quarter_turns`.
+        lifts: whether only its output is.
+    """
+
+    def __init__(
+        self,
+        in_channels: int,
+        out_channels: int,
+        shape: KernelShape = CUBE_3,
+        *,
+        quarter_turns: bool = False,
+        lifts: bool = False,
+    ) -> None:
         super().__init__()
-        self.conv = SparseConv(in_channels, out_channels, kernel)
-        self.norm = nn.BatchNorm1d(out_channels, momentum=BN_MOMENTUM)
+        self.conv: SparseConv | QuarterTurnConv
+        self.norm: nn.BatchNorm1d
+        if quarter_turns:
+            self.conv = QuarterTurnConv(in_channels, out_channels, shape, lifts=lifts)
+            self.norm = QuarterTurnNorm(out_channels, momentum=BN_MOMENTUM)
+        else:
+            self.conv = SparseConv(in_channels, out_channels, shape)
+            self.norm = nn.BatchNorm1d(out_channels, momentum=BN_MOMENTUM)
 
     def forward(
         self,
@@ -28,7 +50,7 @@ class ConvNorm(Folding[FoldedConv]):
         residual: Float[torch.Tensor, 'n_out c_out'] | None = None,
     ) -> Float[torch.Tensor, 'n_out c_out']:
         """Convolve over `kmap`, normalise, add the residual, ReLU."""
-        folded = self.folded(x.dtype, lambda: FoldedConv.fold(self.conv, self.norm, x))
+        folded = self.folded(x.dtype, lambda: FoldedConv.fold(self.conv.weight, self.norm, x))
         if folded is not None:
             return folded(x, kmap, residual)
         out = self.norm(self.conv(x, kmap))
@@ -36,12 +58,12 @@ class ConvNorm(Folding[FoldedConv]):
 
 
 class ResidualBlock(nn.Module):
-    """conv3-BN-ReLU-conv3-BN, plus the identity, ReLU."""
+    """conv-BN-ReLU-conv-BN, plus the identity, ReLU."""
 
-    def __init__(self, channels: int) -> None:
+    def __init__(self, channels: int, shape: KernelShape, *, quarter_turns: bool) -> None:
         super().__init__()
-        self.first = ConvNorm(channels, channels)
-        self.second = ConvNorm(channels, channels)
+        self.first = ConvNorm(channels, channels, shape, quarter_turns=quarter_turns)
+        self.second = ConvNorm(channels, channels, shape, quarter_turns=quarter_turns)
 
     def forward(
         self, x: Float[torch.Tensor, 'n c'], kmap: KernelMap

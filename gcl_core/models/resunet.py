@@ -13,7 +13,8 @@ from torch import nn
 from gcl_core.errors import GclError
 from gcl_core.models.backbone import Backbone, BackboneConfig
 from gcl_core.models.blocks import ConvNorm, ResidualBlock
-from gcl_core.ops.kernel_map import build_pyramid
+from gcl_core.ops.kernel_map import KernelShape, build_pyramid
+from gcl_core.ops.quarter_turns import TURNS, QuarterTurnLinear, join_blocks
 from gcl_core.ops.voxelize import barycentres
 from gcl_core.types import SparseTensor
 
@@ -29,18 +30,46 @@ class ResUNetConfig(BackboneConfig):
             to the output: three for features on the input voxels (the paper), two for features
             at stride 2, which cost a third.
         head: channels between the two 1x1 layers.
+        quarter_turns: share filters over the quarter turns about z (`ops.quarter_turns`): a scan
+            turned by 90 degrees has the same features, their four blocks rolled by one. All
+            widths are of the four blocks together.
+        block: kernel of the residual blocks: edge and height, voxels.
+        stride_kernel: edge of the kernels at stride 2; even with `quarter_turns`, since an odd
+            one is not symmetric on the grid of stride 2.
     """
 
     backbone: Literal['conv'] = 'conv'
     encoder: tuple[int, ...] = (32, 64, 128, 256)
     decoder: tuple[int, ...] = (256, 128, 128)
     head: int = 128
+    quarter_turns: bool = False
+    block: tuple[int, int] = (3, 3)
+    stride_kernel: int = 3
 
     def __post_init__(self) -> None:
+        if any(length < 1 or length % 2 == 0 for length in self.block):
+            raise GclError(f'network.block is {self.block}; its lengths must be odd')
+        if self.stride_kernel < 2:
+            raise GclError(f'network.stride_kernel is {self.stride_kernel}; take 2 or more')
+        if self.quarter_turns:
+            self._check_blocks()
         if len(self.decoder) >= len(self.encoder):
             raise GclError(
                 f'network.decoder has {len(self.decoder)} steps up, network.encoder '
                 f'{len(self.encoder)} levels; there must be more levels than steps'
+            )
+
+    def _check_blocks(self) -> None:
+        """See that quarter turns leave the network as it is."""
+        if self.stride_kernel % 2:
+            raise GclError(
+                f'network.stride_kernel is {self.stride_kernel}; it must be even with '
+                'quarter_turns'
+            )
+        widths = (*self.encoder, *self.decoder, self.head, self.descriptor)
+        if odd := [width for width in widths if width % TURNS]:
+            raise GclError(
+                f'network widths {odd} are no multiples of {TURNS}, which quarter_turns needs'
             )
 
     @property
@@ -52,29 +81,46 @@ class ResUNetConfig(BackboneConfig):
 class ResUNet(Backbone[ResUNetConfig, SparseTensor]):
     """Describe scans by one pass of convolutions over their occupied voxels."""
 
-    STEM_KERNEL = 5
+    STEM = KernelShape.cube(5)
 
     def __init__(self, config: ResUNetConfig) -> None:
         super().__init__(config)
-        encoder, last = config.encoder, len(config.encoder) - 1
-        self.stem = ConvNorm(1 + config.height_input, encoder[0], self.STEM_KERNEL)
-        self.down = nn.ModuleList(ConvNorm(a, b) for a, b in pairwise(encoder))
+        encoder, last, turns = config.encoder, len(config.encoder) - 1, config.quarter_turns
+        self.stem = ConvNorm(
+            1 + config.height_input, encoder[0], self.STEM, quarter_turns=turns, lifts=turns
+        )
+        self.down = nn.ModuleList(self._strided(a, b) for a, b in pairwise(encoder))
         # A level below the output's has no block: nothing reads it at full resolution again.
         self.encode = nn.ModuleList(
-            ResidualBlock(width) if level >= config.output_level else nn.Identity()
+            self._block(width) if level >= config.output_level else nn.Identity()
             for level, width in enumerate(encoder)
         )
         self.up, self.decode = nn.ModuleList(), nn.ModuleList()
         width = encoder[last]
         for step, out in enumerate(config.decoder):
-            self.up.append(ConvNorm(width, out))
-            self.decode.append(ResidualBlock(out))
+            self.up.append(self._strided(width, out))
+            self.decode.append(self._block(out))
             width = out + encoder[last - 1 - step]
+        linear = QuarterTurnLinear if turns else nn.Linear
         self.head = nn.Sequential(
-            nn.Linear(width, config.head, bias=False),
+            linear(width, config.head, bias=False),
             nn.ReLU(),
-            nn.Linear(config.head, config.descriptor),
+            linear(config.head, config.descriptor, bias=True),
         )
+
+    def _strided(self, in_channels: int, out_channels: int) -> ConvNorm:
+        shape = KernelShape.cube(self.config.stride_kernel)
+        turns = self.config.quarter_turns
+        return ConvNorm(in_channels, out_channels, shape, quarter_turns=turns)
+
+    def _block(self, channels: int) -> ResidualBlock:
+        shape = KernelShape(*self.config.block)
+        return ResidualBlock(channels, shape, quarter_turns=self.config.quarter_turns)
+
+    def _join(
+        self, up: Float[torch.Tensor, 'n a'], skip: Float[torch.Tensor, 'n b']
+    ) -> Float[torch.Tensor, 'n a+b']:
+        return join_blocks(up, skip) if self.config.quarter_turns else torch.cat([up, skip], 1)
 
     def prepare(self, voxels: SparseTensor) -> SparseTensor:
         """Nothing: the kernel maps are made where the network computes."""
@@ -88,7 +134,9 @@ class ResUNet(Backbone[ResUNetConfig, SparseTensor]):
         pyramid = build_pyramid(
             inputs.keys,
             levels=len(self.config.encoder),
-            stem_kernel=self.STEM_KERNEL,
+            stem=self.STEM,
+            block=KernelShape(*self.config.block),
+            down=self.config.stride_kernel,
             finest_block=output,
         )
         x = self.stem(inputs.features.to(self.dtype), pyramid.stem)
@@ -102,7 +150,7 @@ class ResUNet(Backbone[ResUNetConfig, SparseTensor]):
         for step, (up, block) in enumerate(zip(self.up, self.decode, strict=True)):
             level = len(skips) - 2 - step
             x = up(x, pyramid.down[level].transposed())
-            x = torch.cat([block(x, pyramid.same[level]), skips[level]], 1)
+            x = self._join(block(x, pyramid.same[level]), skips[level])
         descriptors = nn.functional.normalize(self.head(x.float()), dim=1)
 
         points = inputs.points

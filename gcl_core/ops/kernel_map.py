@@ -1,8 +1,9 @@
 """Which voxels a convolution reads: the neighbour tables of a whole U-Net.
 
-Keys are sorted with z fastest, so the 3 (or 5) voxels of a column are found by one binary search
-and consecutive comparisons: 9 searches instead of 27, with queries in cache order. The compiled
-twin (native/kernel_map.cpp) walks through both lists instead and finds the same rows.
+Keys are sorted with z fastest, so the voxels of a column are found by one binary search and
+consecutive comparisons: for a cube of edge 3, 9 searches instead of 27, with queries in cache
+order. The compiled twin (native/kernel_map.cpp) walks through both lists instead and finds the
+same rows.
 """
 
 from __future__ import annotations
@@ -16,6 +17,8 @@ from jaxtyping import Int32, Int64
 
 from gcl_core.ops.native.kernels import search as search_kernel
 from gcl_core.ops.voxelize import AXIS_BITS, coarsen, refine
+
+UPPER_CORNER = (1 << 2 * AXIS_BITS) + (1 << AXIS_BITS) + 1  # from a key to that of (+1, +1, +1)
 
 
 @dataclass(frozen=True)
@@ -51,23 +54,47 @@ class KernelMap:
         return KernelMap(self.inverse, self.num_outputs, self.neighbors)
 
 
-def search(
-    keys: Int64[torch.Tensor, ' n'], centres: Int64[torch.Tensor, ' m'], kernel: int
-) -> Int32[torch.Tensor, 'k m']:
-    """Find the rows of `keys` at every offset of a `kernel`^3 cube around each of `centres`.
+@dataclass(frozen=True)
+class KernelShape:
+    """Voxels that a convolution reads around each output voxel.
 
-    Both are sorted. Offsets run x slowest, z fastest, from -(kernel // 2); a missing voxel gives
-    `len(keys)`.
+    Attributes:
+        edge: along x and along y.
+        height: along z.
     """
-    half = kernel // 2
+
+    edge: int
+    height: int
+
+    @classmethod
+    def cube(cls, edge: int) -> KernelShape:
+        """As high as it is wide."""
+        return cls(edge, edge)
+
+    @property
+    def offsets(self) -> int:
+        """Number of offsets: x slowest, z fastest."""
+        return self.edge**2 * self.height
+
+
+def search(
+    keys: Int64[torch.Tensor, ' n'], centres: Int64[torch.Tensor, ' m'], shape: KernelShape
+) -> Int32[torch.Tensor, 'k m']:
+    """Find the rows of `keys` at every offset of a kernel around each of `centres`.
+
+    Both are sorted. Offsets run x slowest, z fastest, from -(length // 2) on each axis; a missing
+    voxel gives `len(keys)`.
+    """
+    first = shape.edge // 2
     missing = len(keys)
-    padded = torch.cat([keys, keys.new_full((kernel,), torch.iinfo(torch.int64).max)])
+    padded = torch.cat([keys, keys.new_full((shape.height,), torch.iinfo(torch.int64).max)])
     rows = []
-    for dx in range(-half, half + 1):
-        for dy in range(-half, half + 1):
-            query = centres + ((dx << 2 * AXIS_BITS) + (dy << AXIS_BITS) - half)
+    for dx in range(-first, shape.edge - first):
+        for dy in range(-first, shape.edge - first):
+            offset = (dx << 2 * AXIS_BITS) + (dy << AXIS_BITS) - shape.height // 2
+            query = centres + offset
             row = torch.searchsorted(keys, query)
-            for dz in range(kernel):
+            for dz in range(shape.height):
                 hit = padded[row] == query + dz
                 rows.append(torch.where(hit, row, missing).int())
                 row += hit
@@ -83,20 +110,29 @@ def invert(rows: Int32[torch.Tensor, 'k m'], num_inputs: int) -> Int32[torch.Ten
     return other[:, :num_inputs].contiguous()
 
 
-def same_map(keys: Int64[torch.Tensor, ' n'], kernel: int) -> KernelMap:
-    """Map of a convolution that keeps the voxels as they are (stride 1)."""
-    compiled = search_kernel(keys, keys, kernel, axis_bits=AXIS_BITS)
-    return KernelMap(search(keys, keys, kernel) if compiled is None else compiled[0], len(keys))
+def same_map(keys: Int64[torch.Tensor, ' n'], shape: KernelShape) -> KernelMap:
+    """Map of a convolution that keeps the voxels as they are (stride 1, odd lengths)."""
+    compiled = search_kernel(keys, keys, (shape.edge, shape.height), axis_bits=AXIS_BITS)
+    return KernelMap(search(keys, keys, shape) if compiled is None else compiled[0], len(keys))
 
 
-def down_map(fine: Int64[torch.Tensor, ' n'], coarse: Int64[torch.Tensor, ' m']) -> KernelMap:
-    """Map of a kernel-3 stride-2 convolution from `fine` to `coarse = unique(coarsen(fine))`."""
-    corners = refine(coarse)
-    compiled = search_kernel(fine, corners, 3, axis_bits=AXIS_BITS, with_inverse=True)
+def down_map(
+    fine: Int64[torch.Tensor, ' n'], coarse: Int64[torch.Tensor, ' m'], edge: int = 3
+) -> KernelMap:
+    """Map of a stride-2 convolution from `fine` to `coarse = unique(coarsen(fine))`.
+
+    A cube of an odd edge lies around the first of a coarse voxel's 2^3 fine ones (torch's conv3d
+    with padding edge // 2), one of an even edge around the middle of them (padding edge // 2 - 1).
+    """
+    centres = refine(coarse) + (0 if edge % 2 else UPPER_CORNER)
+    compiled = search_kernel(fine, centres, (edge, edge), axis_bits=AXIS_BITS, with_inverse=True)
     if compiled is not None:
         return KernelMap(compiled[0], len(fine), compiled[1])
-    found = search(fine, corners, 3)
+    found = search(fine, centres, KernelShape.cube(edge))
     return KernelMap(found, len(fine), invert(found, len(fine)))
+
+
+CUBE_3 = KernelShape.cube(3)
 
 
 @dataclass(frozen=True)
@@ -106,9 +142,9 @@ class Pyramid:
     Attributes:
         keys: voxel keys of each level, finest first; level i has stride 2^i.
         parent: row in level i + 1 of each voxel of level i.
-        stem: map of the first convolution (kernel 5) on level 0.
-        same: kernel-3 stride-1 map of each level.
-        down: kernel-3 stride-2 map from level i to i + 1; its transpose goes back up.
+        stem: map of the first convolution on level 0.
+        same: stride-1 map of each level.
+        down: stride-2 map from level i to i + 1; its transpose goes back up.
     """
 
     keys: tuple[Int64[torch.Tensor, ' n'], ...]
@@ -119,14 +155,22 @@ class Pyramid:
 
 
 def build_pyramid(
-    keys: Int64[torch.Tensor, ' n'], *, levels: int, stem_kernel: int, finest_block: int = 0
+    keys: Int64[torch.Tensor, ' n'],
+    *,
+    levels: int,
+    stem: KernelShape,
+    block: KernelShape = CUBE_3,
+    down: int = 3,
+    finest_block: int = 0,
 ) -> Pyramid:
     """Compute every map once.
 
     Args:
         keys: sorted voxel keys of level 0.
         levels: number of levels, strides 1 to 2^(levels - 1).
-        stem_kernel: edge of the first convolution's kernel.
+        stem: kernel of the first convolution.
+        block: kernel of the other stride-1 convolutions.
+        down: edge of the stride-2 kernels.
         finest_block: first level with stride-1 convolutions other than the stem; levels below it
             get an empty map.
     """
@@ -135,14 +179,14 @@ def build_pyramid(
         coarse, parent = torch.unique(coarsen(all_keys[-1]), return_inverse=True)
         all_keys.append(coarse)
         parents.append(parent)
-    empty = KernelMap(torch.empty(27, 0, dtype=torch.int32, device=keys.device), 0)
+    empty = KernelMap(torch.empty(block.offsets, 0, dtype=torch.int32, device=keys.device), 0)
     return Pyramid(
         keys=tuple(all_keys),
         parent=tuple(parents),
-        stem=same_map(keys, stem_kernel),
+        stem=same_map(keys, stem),
         same=tuple(
-            same_map(level_keys, 3) if level >= finest_block else empty
+            same_map(level_keys, block) if level >= finest_block else empty
             for level, level_keys in enumerate(all_keys)
         ),
-        down=tuple(down_map(fine, coarse) for fine, coarse in pairwise(all_keys)),
+        down=tuple(down_map(fine, coarse, down) for fine, coarse in pairwise(all_keys)),
     )

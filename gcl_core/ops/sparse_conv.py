@@ -16,8 +16,10 @@ import torch
 from jaxtyping import Float, Int32, Int64
 from torch import nn
 
-from gcl_core.ops.kernel_map import KernelMap
+from gcl_core.ops.kernel_map import KernelMap, KernelShape
 from gcl_core.ops.native.kernels import PackedWeight, kernels_for
+
+FILL = 0.3  # share of neighbours that exist, for He initialisation: 8 of 27 (measured on HDL-64E)
 
 
 def _pairs(
@@ -98,11 +100,10 @@ def sparse_conv(
 class SparseConv(nn.Module):
     """Sparse convolution without bias; stride and transposition are the map's business."""
 
-    def __init__(self, in_channels: int, out_channels: int, kernel: int = 3) -> None:
+    def __init__(self, in_channels: int, out_channels: int, shape: KernelShape) -> None:
         super().__init__()
-        self.weight = nn.Parameter(torch.empty(kernel**3, in_channels, out_channels))
-        # He initialisation for the neighbours that exist: about 8 of 27 (measured on HDL-64E).
-        std = math.sqrt(2.0 / (0.3 * kernel**3 * in_channels))
+        self.weight = nn.Parameter(torch.empty(shape.offsets, in_channels, out_channels))
+        std = math.sqrt(2.0 / (FILL * shape.offsets * in_channels))
         if not self.weight.is_meta:  # to draw nothing, torch would import its compiler: a second
             nn.init.normal_(self.weight, std=std)
 
@@ -116,7 +117,7 @@ class SparseConv(nn.Module):
 def scale_and_shift(
     norm: nn.BatchNorm1d,
 ) -> tuple[Float[torch.Tensor, ' c'], Float[torch.Tensor, ' c']]:
-    """What a batch norm multiplies and adds in inference."""
+    """What a batch norm multiplies and adds in inference, for each of its own channels."""
     if norm.running_mean is None or norm.running_var is None:
         raise ValueError('a batch norm without running statistics cannot be folded')
     scale = (norm.weight * (norm.running_var + norm.eps).rsqrt()).detach()
@@ -138,10 +139,17 @@ class FoldedConv:
     packed: PackedWeight | None
 
     @classmethod
-    def fold(cls, conv: SparseConv, norm: nn.BatchNorm1d, like: torch.Tensor) -> FoldedConv:
-        """Fold a convolution and the norm behind it, for features such as `like`."""
+    def fold(
+        cls, weight: Float[torch.Tensor, 'k c_in c_out'], norm: nn.BatchNorm1d, like: torch.Tensor
+    ) -> FoldedConv:
+        """Fold a convolution and the norm behind it, for features such as `like`.
+
+        A norm of fewer channels than the convolution's is shared by blocks of them.
+        """
         scale, bias = scale_and_shift(norm)
-        weight = (conv.weight * scale).detach()
+        blocks = weight.shape[2] // len(scale)
+        scale, bias = scale.repeat(blocks), bias.repeat(blocks)
+        weight = (weight * scale).detach()
         kernels = kernels_for(like)
         return cls(weight, bias, kernels.pack(weight) if kernels else None)
 

@@ -53,9 +53,14 @@ def refine(keys: Int64[torch.Tensor, ' n']) -> Int64[torch.Tensor, ' n']:
 def barycentres(
     points: Float[torch.Tensor, 'n 3'], row: Int64[torch.Tensor, ' n'], count: int
 ) -> Float[torch.Tensor, 'm 3']:
-    """Mean of the points of each row; `row[i]` in [0, count) says where point i belongs."""
-    total = points.new_zeros(count, 3).index_add_(0, row, points)
-    return total / torch.bincount(row, minlength=count).clamp(min=1).unsqueeze(1)
+    """Mean of the points of each row; `row[i]` in [0, count) says where point i belongs.
+
+    Summed in float64, so that the order of the points does not matter: they come in another one
+    where a scan is turned.
+    """
+    total = points.new_zeros(count, 3, dtype=torch.float64).index_add_(0, row, points.double())
+    size = torch.bincount(row, minlength=count).clamp(min=1).unsqueeze(1)
+    return (total / size).to(points.dtype)
 
 
 def voxelize(clouds: Sequence[PointCloud], *, voxel_size: float, max_range: float) -> SparseTensor:

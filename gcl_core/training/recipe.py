@@ -87,7 +87,7 @@ class TrainConfig:
         optimizer: how weights follow gradients.
         steps: optimiser steps of the whole run.
         batch: samples of a step, whose gradients are averaged; divided among the processes.
-        bf16: compute in bfloat16.
+        bf16: compute in bfloat16, on processors that multiply it natively and on GPUs.
         seed: of worlds, groups and initial weights; 0 to 699.
         start: weights to begin from instead of new ones: a shipped name or a file, of the same
             network.

@@ -17,6 +17,7 @@ from gcl_core import se3
 from gcl_core.data.augment import random_turn, thin_out
 from gcl_core.data.formats import open_sequences
 from gcl_core.data.group_index import GroupIndex, ScanGroup
+from gcl_core.data.groups import REACH
 from gcl_core.errors import GclError
 from gcl_core.models.backbone import Backbone
 from gcl_core.models.zoo import NetworkConfig, build
@@ -25,6 +26,8 @@ from gcl_core.training.sample import Sample
 from gcl_core.training.sample_cache import SampleCache, Voxels, folder_for
 from gcl_core.training.simulated import SimulatedGroups, SimulationConfig
 from gcl_core.types import PointCloud
+
+MIN_REACH, MAX_REACH = 10.0, 150.0  # metres; a simulated street ends 190 m from its middle
 
 
 @dataclass(frozen=True)
@@ -36,6 +39,7 @@ class SampleConfig:
         drives: names of the drives in it, such as KITTI's ['00', '01'].
         simulation: what is simulated.
         phi: neighbour scans of a centre scan (the paper: 6).
+        reach: farthest of them, metres (the paper: 60), one from each of phi segments.
         pair_stages: for the pair-wise baseline: distances of the one neighbour, metres; several
             ranges share the run evenly (the paper: 5 to 20, then to 30, 40, 50, 60).
         shared_yaw_deg: half width of the heading that a whole group is turned by. If the network
@@ -49,6 +53,7 @@ class SampleConfig:
     drives: tuple[str, ...] = ()
     simulation: SimulationConfig = field(default_factory=SimulationConfig)
     phi: int = 6
+    reach: float = REACH
     pair_stages: tuple[tuple[float, float], ...] = ()
     shared_yaw_deg: float = 180.0
     yaw_deg: tuple[float, float] = (20.0, 20.0)
@@ -58,6 +63,10 @@ class SampleConfig:
     def __post_init__(self) -> None:
         if not 0 < self.keep <= 1:
             raise GclError(f'samples.keep is {self.keep}; choose from ]0, 1]')
+        if not MIN_REACH <= self.reach <= MAX_REACH:
+            raise GclError(
+                f'samples.reach is {self.reach:g} m; choose {MIN_REACH:g} to {MAX_REACH:g}'
+            )
         if any(low >= high for low, high in self.pair_stages):
             raise GclError(f'samples.pair_stages is {self.pair_stages}; low comes before high')
 
@@ -82,9 +91,9 @@ class Groups(Protocol):
 def source_of(config: SampleConfig) -> Groups:
     """Open what the recipe trains on."""
     if not config.data:
-        return SimulatedGroups(config.simulation, config.phi)
+        return SimulatedGroups(config.simulation, config.phi, config.reach)
     drives = open_sequences(Path(config.data), config.drives or None)
-    return GroupIndex(list(drives.values()), phi=config.phi)
+    return GroupIndex(list(drives.values()), phi=config.phi, reach=config.reach)
 
 
 def augment(

@@ -9,7 +9,7 @@ import numpy as np
 
 from gcl_core import se3
 from gcl_core.data.group_index import ScanGroup, between
-from gcl_core.data.groups import draw_neighbors
+from gcl_core.data.groups import REACH, draw_neighbors
 from gcl_core.data.sequence import positions
 from gcl_core.data.simulator.drive import Route
 from gcl_core.data.simulator.sequence import SimulatedSequence, World
@@ -50,8 +50,9 @@ def _world(seed: int) -> World:
 class SimulatedGroups:
     """Implements `gcl_core.training.samples.Groups`."""
 
-    def __init__(self, config: SimulationConfig, phi: int) -> None:
-        self._config, self._phi = config, phi
+    def __init__(self, config: SimulationConfig, phi: int, reach: float = REACH) -> None:
+        self._config, self._phi, self._reach = config, phi, reach
+        self._span = 2 * (reach + CENTRE_SPAN)  # metres driven, a scan each
 
     def group(
         self, number: int, *, seed: int, distances: tuple[float, float] | None = None
@@ -63,12 +64,12 @@ class SimulatedGroups:
         world = _world(world_seed)
         rng = np.random.default_rng([seed, number, 8])
         sensor = str(rng.choice(config.sensors))
-        own = SimulatedSequence(world_seed, world=world, sensor=sensor)
+        own = SimulatedSequence(world_seed, world=world, sensor=sensor, span=self._span)
         middle = len(own) // 2
         centre = int(rng.integers(middle - CENTRE_SPAN, middle + CENTRE_SPAN))
         clouds, poses = [own.scan(centre)], [np.eye(4)]
         T_centre_world = se3.inverse(own.T_world_lidar(centre))
-        for index in _neighbors(own, centre, self._phi, distances, rng):
+        for index in self._neighbors(own, centre, distances, rng):
             drive, scan = self._seen_by(own, index, sensor, rng)
             clouds.append(drive.scan(scan))
             poses.append(T_centre_world @ drive.T_world_lidar(scan))
@@ -84,18 +85,19 @@ class SimulatedGroups:
             sensor = str(rng.choice(others))
         oncoming = bool(rng.random() < config.oncoming)
         route: Route = 'oncoming' if oncoming else 'along'
-        drive = SimulatedSequence(own.world.seed, world=own.world, sensor=sensor, route=route)
+        drive = SimulatedSequence(
+            own.world.seed, world=own.world, sensor=sensor, route=route, span=self._span
+        )
         return drive, len(drive) - 1 - index if oncoming else index
 
-
-def _neighbors(
-    drive: SimulatedSequence,
-    centre: int,
-    phi: int,
-    distances: tuple[float, float] | None,
-    rng: np.random.Generator,
-) -> list[int]:
-    where = positions(drive)
-    if distances is None:
-        return draw_neighbors(where, centre, phi, rng)
-    return [int(rng.choice(between(where, centre, distances, len(where))))]
+    def _neighbors(
+        self,
+        drive: SimulatedSequence,
+        centre: int,
+        distances: tuple[float, float] | None,
+        rng: np.random.Generator,
+    ) -> list[int]:
+        where = positions(drive)
+        if distances is None:
+            return draw_neighbors(where, centre, self._phi, rng, reach=self._reach)
+        return [int(rng.choice(between(where, centre, distances, len(where))))]

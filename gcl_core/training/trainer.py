@@ -20,6 +20,7 @@ from gcl_core.losses.combined import combined
 from gcl_core.models.backbone import Backbone
 from gcl_core.models.zoo import build, load_weights, weights_file
 from gcl_core.ops.memory import keep_freed_memory
+from gcl_core.ops.precision import best_dtype
 from gcl_core.progress import progress
 from gcl_core.training import checkpoint
 from gcl_core.training.averaging import averaged, follow
@@ -58,7 +59,9 @@ class Trainer:
         resumed = self._checkpoint.exists()
         model = build(config.network) if resumed else begin(config)
         self.model = model.to(self.processes.device)
-        self.model.dtype = torch.bfloat16 if config.bf16 else torch.float32
+        on_gpu = self.processes.device.type != 'cpu'
+        fastest = torch.bfloat16 if on_gpu else best_dtype()
+        self.model.dtype = fastest if config.bf16 else torch.float32
         self.optimizer = optimizer(self.model, config.optimizer)
         self.average = averaged(self.model) if config.optimizer.average else None
         self.step, self.start_sha256 = 0, ''

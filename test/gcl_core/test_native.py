@@ -23,7 +23,7 @@ CHANNELS = [(1, 32), (2, 32), (3, 5), (32, 64), (96, 100)]  # odd, narrow, wide,
 def random_map(side: int = 14) -> kernel_map.KernelMap:
     generator = torch.Generator().manual_seed(3)
     coords = (torch.rand(side, side, side, generator=generator) < 0.2).nonzero()
-    return kernel_map.same_map(encode(coords - side // 2), 3)
+    return kernel_map.same_map(encode(coords - side // 2), kernel_map.CUBE_3)
 
 
 def compiled(dtype: torch.dtype) -> kernels.Kernels:
@@ -80,15 +80,15 @@ def test_folded_weights_are_forgotten_when_training_goes_on():
     torch.testing.assert_close(after, 3 * before)
 
 
-@pytest.mark.parametrize('kernel', [3, 5])
-def test_maps(kernel):
+@pytest.mark.parametrize(('edge', 'height'), [(3, 3), (5, 5), (5, 3), (2, 2), (4, 4)])
+def test_maps(edge, height):
     generator = torch.Generator().manual_seed(6)
     coords = torch.randint(-30, 30, (4000, 3), generator=generator)
     fine = torch.cat([encode(coords).unique() + (scan << 48) for scan in (0, 1)])
     corners = refine(coarsen(fine).unique())
     for centres in (fine, corners, fine[:0]):
-        rows = kernel_map.search(fine, centres, kernel)
-        found = kernels.search(fine, centres, kernel, axis_bits=16, with_inverse=True)
+        rows = kernel_map.search(fine, centres, kernel_map.KernelShape(edge, height))
+        found = kernels.search(fine, centres, (edge, height), axis_bits=16, with_inverse=True)
         assert found is not None
         assert torch.equal(found[0], rows)
         assert torch.equal(found[1], kernel_map.invert(rows, len(fine)))

@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from gcl_core.ops.kernel_map import build_pyramid, down_map, same_map
+from gcl_core.ops.kernel_map import CUBE_3, KernelShape, build_pyramid, down_map, same_map
 from gcl_core.ops.sparse_conv import sparse_conv
 from gcl_core.ops.voxelize import coarsen, encode
 
@@ -47,7 +47,7 @@ def tensors(n: int, kernel: int, dtype: torch.dtype = torch.float64):
 @pytest.mark.parametrize('kernel', [3, 5])
 def test_stride_one_equals_conv3d(coords, kernel):
     x, weight = tensors(len(coords), kernel)
-    ours = sparse_conv(x, weight, same_map(encode(coords), kernel))
+    ours = sparse_conv(x, weight, same_map(encode(coords), KernelShape.cube(kernel)))
     full = torch.nn.functional.conv3d(
         dense(x, coords), conv3d_weight(weight, kernel), padding=kernel // 2
     )
@@ -58,13 +58,14 @@ def coarse_coords(coords: torch.Tensor) -> torch.Tensor:
     return torch.unique(torch.div(coords, 2, rounding_mode='floor'), dim=0)
 
 
-def test_stride_two_equals_conv3d(coords):
-    x, weight = tensors(len(coords), 3)
+@pytest.mark.parametrize('edge', [2, 3, 4])
+def test_stride_two_equals_conv3d(coords, edge):
+    x, weight = tensors(len(coords), edge)
     fine = encode(coords)
     coarse = coarse_coords(coords)
-    ours = sparse_conv(x, weight, down_map(fine, coarsen(fine).unique()))
+    ours = sparse_conv(x, weight, down_map(fine, coarsen(fine).unique(), edge))
     full = torch.nn.functional.conv3d(
-        dense(x, coords), conv3d_weight(weight, 3), padding=1, stride=2
+        dense(x, coords), conv3d_weight(weight, edge), padding=(edge - 1) // 2, stride=2
     )
     compare(ours, full[0][:, coarse[:, 0], coarse[:, 1], coarse[:, 2]].t(), x, weight)
 
@@ -83,16 +84,16 @@ def test_transposed_equals_conv_transpose3d(coords):
 
 def test_bfloat16_is_close_to_float32(coords):
     x, weight = tensors(len(coords), 3, torch.float32)
-    kmap = same_map(encode(coords), 3)
+    kmap = same_map(encode(coords), CUBE_3)
     exact = sparse_conv(x, weight, kmap)
     rough = sparse_conv(x.bfloat16(), weight, kmap)
     assert float((exact - rough.float()).detach().norm() / exact.detach().norm()) < 0.02
 
 
 def test_no_voxels_and_lone_voxels():
-    empty = same_map(encode(torch.empty(0, 3, dtype=torch.long)), 3)
+    empty = same_map(encode(torch.empty(0, 3, dtype=torch.long)), CUBE_3)
     assert sparse_conv(torch.empty(0, 3), torch.ones(27, 3, 5), empty).shape == (0, 5)
-    lone = same_map(encode(torch.tensor([[4, 4, 4]])), 3)
+    lone = same_map(encode(torch.tensor([[4, 4, 4]])), CUBE_3)
     weight = torch.arange(27.0).reshape(27, 1, 1)
     assert sparse_conv(torch.ones(1, 1), weight, lone).item() == 13.0  # the centre of 27
 
@@ -100,13 +101,13 @@ def test_no_voxels_and_lone_voxels():
 def test_scans_of_a_batch_do_not_touch():
     one = encode(torch.tensor([[0, 0, 0], [0, 0, 1]]))
     batch = torch.cat([one, one + (1 << 48)])
-    neighbors = same_map(batch, 3).neighbors
+    neighbors = same_map(batch, CUBE_3).neighbors
     assert neighbors[:, :2].unique().tolist() == [0, 1, 4]
     assert neighbors[:, 2:].unique().tolist() == [2, 3, 4]
 
 
 def test_pyramid_halves_level_by_level(coords):
-    pyramid = build_pyramid(encode(coords), levels=4, stem_kernel=5)
+    pyramid = build_pyramid(encode(coords), levels=4, stem=KernelShape.cube(5))
     assert [len(k) for k in pyramid.keys][-1] == 1
     for level, down in enumerate(pyramid.down):
         assert (down.num_inputs, down.num_outputs) == (

@@ -150,7 +150,7 @@ def _kernels(dtype: torch.dtype) -> Kernels | None:
 def search(
     keys: Int64[torch.Tensor, ' n'],
     centres: Int64[torch.Tensor, ' m'],
-    kernel: int,
+    shape: tuple[int, int],
     *,
     axis_bits: int,
     with_inverse: bool = False,
@@ -160,11 +160,13 @@ def search(
     if lib is None:
         return None
     keys, centres = keys.contiguous(), centres.contiguous()
-    rows = torch.empty(kernel**3, len(centres), dtype=torch.int32)
-    inverse = torch.empty(kernel**3, len(keys), dtype=torch.int32) if with_inverse else None
+    edge, height = shape
+    offsets = edge * edge * height
+    rows = torch.empty(offsets, len(centres), dtype=torch.int32)
+    inverse = torch.empty(offsets, len(keys), dtype=torch.int32) if with_inverse else None
     lib.gcl_search(
         *(at(keys), ctypes.c_int64(len(keys))),
-        *(at(centres), ctypes.c_int64(len(centres)), INT(kernel), INT(axis_bits)),
+        *(at(centres), ctypes.c_int64(len(centres)), INT(edge), INT(height), INT(axis_bits)),
         *(at(rows), None if inverse is None else at(inverse)),
         INT(torch.get_num_threads()),
     )
