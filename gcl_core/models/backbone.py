@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,6 +22,11 @@ from gcl_core.types import Features, PointCloud, SparseTensor
 
 HEIGHT_SCALE = 3.0  # metres; brings heights of cars and eaves to the size of the constant input
 HEIGHT_LIMIT = 12.0  # metres; above it a tree is a tree
+QUARTER = math.pi / 2
+# (4, 3, 3) rotations about z by 0, 1, 2 and 3 quarter turns, without rounding.
+QUARTER_TURNS = np.stack(
+    [np.linalg.matrix_power(np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1]]), q) for q in range(4)]
+).astype(np.float32)
 
 
 @dataclass(frozen=True)
@@ -134,5 +140,25 @@ class Backbone(nn.Module, ABC, Generic[Config, Inputs]):
         Raises:
             GclError: the scan has no point within `max_range`.
         """
-        turned = (se3.transform(se3.from_xyz_rpy(yaw=yaw), cloud.points) for yaw in yaws)
-        return [features for points in turned for features in self.describe([PointCloud(points)])]
+        quarters_by_rest: dict[float, list[int]] = {}
+        places = []  # which quarter turn of which rest each heading is
+        for quarters in (yaw / QUARTER for yaw in yaws):
+            rest = round(quarters % 1, 9) % 1  # what 1 - 1e-12 leaves is 0
+            turns = quarters_by_rest.setdefault(rest, [])
+            places.append((rest, len(turns)))
+            turns.append(round(quarters - rest))
+        described = {}
+        for rest, turns in quarters_by_rest.items():
+            T_turned_lidar = se3.from_xyz_rpy(yaw=rest * QUARTER)
+            turned = PointCloud(se3.transform(T_turned_lidar, cloud.points))
+            described[rest] = self.describe_quarters(turned, turns)
+        return [described[rest][place] for rest, place in places]
+
+    def describe_quarters(self, cloud: PointCloud, quarters: Sequence[int]) -> list[Features]:
+        """Describe a scan turned by each of some numbers of quarter turns, in the turned frames.
+
+        Raises:
+            GclError: the scan has no point within `max_range`.
+        """
+        turned = (PointCloud(cloud.points @ QUARTER_TURNS[q % 4].T) for q in quarters)
+        return [features for scan in turned for features in self.describe([scan])]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, cast
@@ -11,7 +10,6 @@ import torch
 from jaxtyping import Float
 from torch import nn
 
-from gcl_core import se3
 from gcl_core.errors import GclError
 from gcl_core.models.backbone import Backbone, BackboneConfig
 from gcl_core.models.kpconv_blocks import ConvNorm, ResidualBlock, Unary, leaky
@@ -23,7 +21,6 @@ from gcl_core.types import Features, PointCloud, SparseTensor
 # Mean distance of the kernel points from their centre, in extents (KPConv, section 3.2; public
 # code: 0.66 of the radius, which is 1.4 here).
 SHELL = 1.5
-QUARTER = math.pi / 2
 
 
 @dataclass(frozen=True)
@@ -110,18 +107,10 @@ class KPConvResUNet(Backbone[KPConvConfig, PointPyramid]):
             voxels, cell=config.voxel_size, reach=config.radius, limits=config.limits
         )
 
-    def describe_turned(self, cloud: PointCloud, yaws: Sequence[float]) -> list[Features]:
-        """Describe as `Backbone` does; headings a quarter turn apart share their neighbours."""
-        prepared: dict[float, PointPyramid] = {}
-        described = []
-        for quarters in (yaw / QUARTER for yaw in yaws):
-            rest = round(quarters % 1, 9) % 1  # what 1 - 1e-12 leaves is 0
-            if rest not in prepared:
-                turn = se3.from_xyz_rpy(yaw=rest * QUARTER)
-                turned = PointCloud(se3.transform(turn, cloud.points))
-                prepared[rest] = self.prepare(self.voxelize([turned]))
-            described += self.describe_prepared(prepared[rest].turned(round(quarters - rest)))
-        return described
+    def describe_quarters(self, cloud: PointCloud, quarters: Sequence[int]) -> list[Features]:
+        """Describe as `Backbone` does; the neighbours are searched once."""
+        prepared = self.prepare(self.voxelize([cloud]))
+        return [f for q in quarters for f in self.describe_prepared(prepared.turned(q))]
 
     def forward(
         self, inputs: PointPyramid

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Literal
@@ -11,12 +12,12 @@ from jaxtyping import Float
 from torch import nn
 
 from gcl_core.errors import GclError
-from gcl_core.models.backbone import Backbone, BackboneConfig
+from gcl_core.models.backbone import QUARTER_TURNS, Backbone, BackboneConfig
 from gcl_core.models.blocks import ConvNorm, ResidualBlock
 from gcl_core.ops.kernel_map import KernelShape, build_pyramid
-from gcl_core.ops.quarter_turns import TURNS, QuarterTurnLinear, join_blocks
+from gcl_core.ops.quarter_turns import TURNS, QuarterTurnLinear, join_blocks, roll_blocks
 from gcl_core.ops.voxelize import barycentres
-from gcl_core.types import SparseTensor
+from gcl_core.types import Features, PointCloud, SparseTensor
 
 
 @dataclass(frozen=True)
@@ -125,6 +126,17 @@ class ResUNet(Backbone[ResUNetConfig, SparseTensor]):
     def prepare(self, voxels: SparseTensor) -> SparseTensor:
         """Nothing: the kernel maps are made where the network computes."""
         return voxels
+
+    def describe_quarters(self, cloud: PointCloud, quarters: Sequence[int]) -> list[Features]:
+        """Describe as `Backbone` does; with `quarter_turns` once for all."""
+        if not self.config.quarter_turns:
+            return super().describe_quarters(cloud, quarters)
+        (own,) = self.describe([cloud])
+        turns = torch.from_numpy(QUARTER_TURNS)
+        return [
+            Features(own.points @ turns[q % 4].t(), roll_blocks(own.descriptors, q))
+            for q in quarters
+        ]
 
     def forward(
         self, inputs: SparseTensor

@@ -165,3 +165,22 @@ def test_descriptors_of_a_turned_scan_are_rolled():
 def test_shapes_that_quarter_turns_do_not_bear(change, words):
     with pytest.raises(GclError, match=words):
         replace(SMALL, **change)
+
+
+def test_one_description_serves_all_quarter_turns(monkeypatch):
+    torch.manual_seed(4)
+    model, cloud = ResUNet(SMALL).eval(), off_borders(0.3)
+    calls, describe = [], model.describe_prepared
+    monkeypatch.setattr(model, 'describe_prepared', lambda i: calls.append(1) or describe(i))
+    every = model.describe_turned(cloud, [k * np.pi / 6 for k in range(12)])
+    assert len(calls) == 3
+    for quarters in range(TURNS):
+        points = cloud.points
+        for _ in range(quarters):
+            points = turned(points)
+        (own,), found = model.describe([PointCloud(points)]), every[3 * quarters]
+        rows = order(own.points), order(found.points)
+        assert torch.equal(own.points[rows[0]], found.points[rows[1]])
+        torch.testing.assert_close(
+            own.descriptors[rows[0]], found.descriptors[rows[1]], atol=1e-5, rtol=0
+        )
