@@ -58,6 +58,8 @@ def _evaluate(
 def _text(run: Run, results: Results) -> str:
     turned = 'at random' if run.config.random_yaw else 'not'
     straight = ', scans de-skewed' if run.config.source.deskew else ''
+    if run.config.source.compact:
+        straight += f', compact scans of {run.config.source.compact:g} m'
     labels = [f'{drawn.pairs.label}, source turned {turned}{straight}' for drawn in run.drawn]
     return '\n'.join(labels + ['\n\n'.join(table.markdown() for table in results.tables[:2])])
 
@@ -93,13 +95,22 @@ def _source(options: argparse.Namespace, source: SourceConfig) -> SourceConfig:
         raise GclError(f'--sequence {options.sequence[0]} is of --data; --simulated has but one')
     if options.simulated is not None:
         simulated, deskew = (options.simulated,), options.deskew
-        return replace(source, data='', sequences=(), simulated=simulated, deskew=deskew)
+        return replace(
+            source,
+            data='',
+            sequences=(),
+            simulated=simulated,
+            deskew=deskew,
+            compact=options.compact or source.compact,
+        )
     if options.data:
         source = replace(source, data=str(options.data), simulated=())
     if options.sequence:
         source = replace(source, sequences=tuple(options.sequence))
     if options.deskew:
         source = replace(source, deskew=options.deskew)
+    if options.compact:
+        source = replace(source, compact=options.compact)
     return replace(source, layout=options.format or source.layout)
 
 

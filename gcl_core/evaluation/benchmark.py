@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Literal
 
+from gcl_core.compact.scan import CompactConfig
 from gcl_core.data.pairs import BINS
 from gcl_core.data.simulator.meeting import Manoeuvre
 from gcl_core.errors import GclError
@@ -28,6 +29,8 @@ class SourceConfig:
             table by sensor pair.
         deskew: seconds of a sweep, such as 0.1: recorded scans are straightened by the drive's own
             speed, see `gcl_core.data.deskewed`; 0 takes them as they are.
+        compact: voxel size, metres: scans are sent as compact scans (`gcl_core.compact`) and
+            received; 0 takes them as they are.
         each: report each sequence by itself, not all in one.
     """
 
@@ -38,6 +41,7 @@ class SourceConfig:
     meet: Manoeuvre | None = None
     sensors: tuple[str, ...] = ()
     deskew: float = 0.0
+    compact: float = 0.0
     each: bool = False
 
     def __post_init__(self) -> None:
@@ -45,6 +49,8 @@ class SourceConfig:
             raise GclError(
                 'source.deskew or --deskew is of --data; simulated scans need none: leave it out'
             )
+        if self.compact:
+            CompactConfig(voxel_size=self.compact)  # refuses what cannot be sent
         most = 2 if self.meet else 1
         if len(self.sensors) > most:
             raise GclError(

@@ -10,7 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
+from gcl_core.compact.scan import CompactConfig
 from gcl_core.data import pair_sets
+from gcl_core.data.compacted import CompactedSequence
 from gcl_core.data.deskewed import DeskewedSequence
 from gcl_core.data.formats import open_sequences, sequence_names
 from gcl_core.data.joined import JoinedSequence
@@ -75,9 +77,18 @@ def open_source(config: BenchmarkConfig) -> dict[str, Sequence]:
         names = sequence_names(path, layout=layout)
     opened = open_sequences(path, names or listed or None, layout=layout)
     return {
-        _as_listed(name, listed): _deskewed(sequence, source.deskew) if source.deskew else sequence
+        _as_listed(name, listed): _as_received(sequence, source)
         for name, sequence in opened.items()
     }
+
+
+def _as_received(drive: Sequence, source: SourceConfig) -> Sequence:
+    """De-skew a drive, and send its scans, as far as the source says so."""
+    if source.deskew:
+        drive = _deskewed(drive, source.deskew)
+    if source.compact:
+        drive = CompactedSequence(drive, CompactConfig(voxel_size=source.compact))
+    return drive
 
 
 def _deskewed(sequence: Sequence, sweep: float) -> Sequence:
@@ -98,9 +109,10 @@ def simulated(source: SourceConfig, seed: int) -> Sequence:
     """Drive through a world, or let two vehicles meet in it."""
     sensors = source.sensors or HDL64E
     if source.meet is None:
-        return SimulatedSequence(seed, sensor=sensors[0])
+        return _as_received(SimulatedSequence(seed, sensor=sensors[0]), source)
     both = meet(seed, source.meet, sensors=(sensors[0], sensors[-1]))
-    return JoinedSequence(f'sim/{seed}', list(both), [sensors[0], sensors[-1]])
+    received = [_as_received(drive, source) for drive in both]
+    return JoinedSequence(f'sim/{seed}', received, [sensors[0], sensors[-1]])
 
 
 def sensor(source: SourceConfig, sequence: Sequence, index: int) -> str:

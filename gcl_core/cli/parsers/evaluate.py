@@ -49,6 +49,13 @@ def add_parser(commands: Any) -> None:
         help="of a sweep, such as 0.1: straighten scans that carry the vehicle's own motion, as "
         'KITTI raw, by the speed that poses and times.txt tell',
     )
+    parser.add_argument(
+        '--compact',
+        type=float,
+        default=0.0,
+        metavar='METRES',
+        help='voxel size, such as 0.25: send compact scans and register what arrives',
+    )
     add_json(parser)
     own = parser.add_argument_group('methods, without --config')
     own.add_argument('--registrar', type=Path, help='YAML of RegistrarConfig')

@@ -18,6 +18,7 @@ SOURCES = (
     'kernel_map.cpp',
     'kpconv.cpp',
     'nearest.cpp',
+    'octree.cpp',
     'radius.cpp',
     'sparse_conv.cpp',
     'voxelize.cpp',
