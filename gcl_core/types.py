@@ -18,15 +18,20 @@ from jaxtyping import Float, Float32, Int64
 from gcl_core.errors import GclError
 
 
+MOST_COLUMNS = 32  # of a cloud as an array: beyond, each column is a point
+
+
 @dataclass(frozen=True)
 class PointCloud:
     """One LiDAR scan.
 
     Attributes:
         points: finite x, y, z in metres, sensor frame (x forward, y left, z up).
+        name: of its file, for messages; empty where it has none.
     """
 
     points: Float32[np.ndarray, 'n 3']
+    name: str = ''
 
     def __len__(self) -> int:
         return len(self.points)
@@ -36,15 +41,21 @@ class PointCloud:
         """Take x, y, z from the first three columns and drop points that are not finite.
 
         Raises:
-            GclError: the array has no three columns, or no finite point.
+            GclError: the array has no three columns, or a column for each point, or no finite
+                point.
         """
-        if array.ndim != 2 or array.shape[1] < 3:
-            raise GclError(f'{name}: expected an (n, 3) array of points, got shape {array.shape}')
-        points = np.ascontiguousarray(array[:, :3], dtype=np.float32)
+        if array.ndim != 2 or array.shape[1] < 3 or array.shape[1] > MOST_COLUMNS:
+            turned = array.ndim == 2 and 3 <= array.shape[0] <= MOST_COLUMNS
+            remedy = '; its columns look like points: give array.T' if turned else ''
+            raise GclError(
+                f'{name}: expected an (n, 3) array of points, got shape {array.shape}{remedy}'
+            )
+        with np.errstate(over='ignore'):  # beyond float32 is not finite
+            points = np.ascontiguousarray(array[:, :3], dtype=np.float32)
         finite = np.isfinite(points).all(axis=1)
         if not finite.any():
             raise GclError(f'{name}: none of its {len(points)} points is finite; check the sensor')
-        return PointCloud(points if finite.all() else points[finite])
+        return PointCloud(points if finite.all() else points[finite], name)
 
 
 @dataclass(frozen=True)
