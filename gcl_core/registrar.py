@@ -121,7 +121,7 @@ def undescribed(
     Raises:
         GclError: no point lies within 80 m.
     """
-    cloud = PointCloud(se3.transform(T_view_lidar, cloud.points))
+    cloud = cloud.moved(T_view_lidar)
     return View(
         T_view_lidar=T_view_lidar,
         headings=[],
@@ -178,12 +178,12 @@ class Registrar:
             GclError: no point lies within the network's range.
         """
         known = known or self._undescribed(cloud)
-        points = se3.transform(known.T_view_lidar, cloud.points)
         yaws = [yaw + 2 * np.pi * k / turns for k in range(turns)]
         matrices = [se3.from_xyz_rpy(yaw=yaw) for yaw in yaws]
         made = {T.numpy().tobytes(): f for T, f in zip(known.turns, known.headings)}
         missing = [k for k, T in enumerate(matrices) if T.tobytes() not in made]
-        described = self.model.describe_turned(PointCloud(points), [yaws[k] for k in missing])
+        still = cloud.moved(known.T_view_lidar)
+        described = self.model.describe_turned(still, [yaws[k] for k in missing])
         made.update((matrices[k].tobytes(), f) for k, f in zip(missing, described, strict=True))
         return replace(
             known,
@@ -211,6 +211,12 @@ class Registrar:
         Raises:
             GclError: a cloud has no point within the network's range.
         """
+        return self.register_seen(source=source, target=target)[0]
+
+    def register_seen(
+        self, *, source: PointCloud, target: PointCloud
+    ) -> tuple[Registration, View, View]:
+        """Register; also return source and target as they were described, for pictures."""
         watch = Stopwatch()
         with watch('describe'):
             seen = self.view(target)
@@ -222,7 +228,7 @@ class Registrar:
             result = self.register_views(source=view, target=seen, watch=watch)
             if result.accepted:
                 break
-        return result
+        return result, view, seen
 
     def register_views(
         self, *, source: View, target: View, watch: Stopwatch | None = None

@@ -15,8 +15,8 @@ import numpy as np
 import torch
 from jaxtyping import Float, Float32, Int64
 
+from gcl_core import se3
 from gcl_core.errors import GclError
-
 
 MOST_COLUMNS = 32  # of a cloud as an array: beyond, each column is a point
 
@@ -35,6 +35,10 @@ class PointCloud:
 
     def __len__(self) -> int:
         return len(self.points)
+
+    def moved(self, T: Float[np.ndarray, '4 4']) -> PointCloud:
+        """The scan in another frame, `T_other_own`."""
+        return PointCloud(se3.transform(T, self.points), self.name)
 
     @staticmethod
     def from_array(array: np.ndarray, name: str = 'cloud') -> PointCloud:

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from gcl_core.cli.outcome import Answer
+from gcl_core.data.bin_layout import told_layout
 from gcl_core.data.formats import open_sequences
 from gcl_core.data.pair_list import PairList, listed, read_pair_list
 from gcl_core.data.pair_sets import random_set
@@ -38,7 +39,12 @@ def _write(options: argparse.Namespace) -> str:
     else:
         layout = options.format if options.kind == 'from-data' else options.kind[len('from-') :]
         name = getattr(options, 'sequence', None)
-        sequences = open_sequences(options.root, [name] if name else None, layout=layout)
+        sequences = open_sequences(
+            options.root,
+            [name] if name else None,
+            layout=layout,
+            columns=told_layout(getattr(options, 'columns', None)),
+        )
     ((name, sequence),) = sequences.items()
     pairs = _pairs(options, name, sequence)
     pairs = replace(pairs, pairs=pairs.pairs[:: options.every])

@@ -111,7 +111,11 @@ def _source(options: argparse.Namespace, source: SourceConfig) -> SourceConfig:
         source = replace(source, deskew=options.deskew)
     if options.compact:
         source = replace(source, compact=options.compact)
-    return replace(source, layout=options.format or source.layout)
+    return replace(
+        source,
+        layout=options.format or source.layout,
+        columns=options.columns or source.columns,
+    )
 
 
 def _methods(options: argparse.Namespace) -> tuple[MethodConfig, ...]:

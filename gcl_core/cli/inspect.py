@@ -12,12 +12,13 @@ import numpy as np
 
 from gcl_core import se3
 from gcl_core.cli.outcome import Answer
+from gcl_core.data.bin_layout import told_layout
 from gcl_core.data.formats import open_sequence
 from gcl_core.data.overlap import overlap
 from gcl_core.data.sequence import Sequence, T_target_source, positions
 from gcl_core.data.simulator.sequence import SimulatedSequence
 from gcl_core.errors import GclError
-from gcl_core.evaluation.plots import birds_eye
+from gcl_core.evaluation.plots import birds_eye, check_picture
 from gcl_core.evaluation.statistics import (
     RINGS,
     every,
@@ -35,8 +36,11 @@ def run(options: argparse.Namespace) -> Answer:
     """Count and draw."""
     if options.sequence and not options.data:
         raise GclError(f'--sequence {options.sequence} is of --data; --simulated has but one')
+    if options.picture:
+        check_picture(options.picture)
+    columns = told_layout(options.columns)
     sequence: Sequence = (
-        open_sequence(options.data, options.sequence, layout=options.format)
+        open_sequence(options.data, options.sequence, layout=options.format, columns=columns)
         if options.data
         else SimulatedSequence(options.simulated, sensor=options.sensor, kind=options.kind)
     )
@@ -49,7 +53,9 @@ def run(options: argparse.Namespace) -> Answer:
     else:
         indices = every(sequence, options.scans) if options.scan is None else [options.scan]
         facts, text = _scans(sequence, indices, options.picture)
-    return Answer(to_json({'sequence': sequence.name, **facts}) if options.json else text)
+    clouds = getattr(sequence, 'clouds', None)  # of layouts that may hold .bin files
+    read = {'columns': str(clouds.layout)} if clouds and clouds.layout else {}
+    return Answer(to_json({'sequence': sequence.name, **read, **facts}) if options.json else text)
 
 
 def _check(sequence: Sequence, *indices: int) -> None:

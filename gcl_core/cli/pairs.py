@@ -7,6 +7,7 @@ from pathlib import Path
 
 from gcl_core.cli.outcome import Answer
 from gcl_core.data import pair_sets
+from gcl_core.data.bin_layout import told_layout
 from gcl_core.data.formats import open_sequences
 from gcl_core.data.pair_list import PairList, write_pair_list
 from gcl_core.data.sequence import Sequence
@@ -17,7 +18,9 @@ from gcl_core.to_json import to_json
 
 def run(options: argparse.Namespace) -> Answer:
     """Draw and write."""
-    pairs = _draw(options, open_sequences(options.data, options.sequence, layout=options.format))
+    columns = told_layout(options.columns)
+    opened = open_sequences(options.data, options.sequence, layout=options.format, columns=columns)
+    pairs = _draw(options, opened)
     if not pairs.pairs:
         raise GclError(f'{pairs.name}: {options.data} has no such pair')
     write_pair_list(options.list, pairs)

@@ -10,44 +10,74 @@ import numpy as np
 from gcl_core import se3
 from gcl_core.cli.outcome import Answer
 from gcl_core.config import load_config
-from gcl_core.data.clouds import read_cloud, write_cloud
+from gcl_core.data.bin_layout import BinLayout, told_layout
+from gcl_core.data.clouds import (
+    bin_layout,
+    known_format,
+    read_cloud,
+    writable_format,
+    write_cloud,
+)
+from gcl_core.errors import GclError
 from gcl_core.evaluation.agreement import agreeing
-from gcl_core.evaluation.plots import birds_eye
-from gcl_core.evaluation.recording import record
+from gcl_core.evaluation.plots import birds_eye, check_picture
+from gcl_core.evaluation.recording import check_recording, record
+from gcl_core.files import check_writable
 from gcl_core.registrar import Registrar, RegistrarConfig
 from gcl_core.to_json import to_json
-from gcl_core.types import PointCloud, Registration
+from gcl_core.types import Registration
 
 
 def run(options: argparse.Namespace) -> Answer:
     """Register; the code is 1 when no transform was accepted."""
+    _check_outputs(options)
     config = load_config(RegistrarConfig, options.config) if options.config else None
-    source, target = read_cloud(options.source), read_cloud(options.target)
+    layouts = _layouts(options)
+    source, target = (
+        read_cloud(path, layouts[side])
+        for side, path in (('source', options.source), ('target', options.target))
+    )
     registrar = Registrar(config)
-    result = registrar.register(source=source, target=target)
+    result, *views = registrar.register_seen(source=source, target=target)
     T = result.T_target_source
     if options.aligned and T is not None:
-        write_cloud(options.aligned, PointCloud(se3.transform(T, source.points)))
+        write_cloud(options.aligned, source.moved(T))
     if options.picture or options.rerun:
-        _show(options, registrar, source, target, T)
-    text = to_json(_summary(result)) if options.json else _text(result)
+        matches = None
+        if T is not None:
+            turned, still = views
+            matches = agreeing(T, source=turned, target=still, config=registrar.config.match)
+        _show(options, source=source, target=target, T_target_source=T, matches=matches)
+    text = to_json(_summary(result, layouts)) if options.json else _text(result)
     return Answer(text, 0 if result.accepted else 1)
 
 
-def _show(
-    options: argparse.Namespace,
-    registrar: Registrar,
-    source: PointCloud,
-    target: PointCloud,
-    T: np.ndarray | None,
-) -> None:
+def _check_outputs(options: argparse.Namespace) -> None:
+    """See that every file can be written, before the work."""
+    if options.aligned:
+        writable_format(options.aligned)
+        check_writable(options.aligned)
+    if options.picture:
+        check_picture(options.picture)
+    if options.rerun:
+        check_recording(options.rerun)
+
+
+def _layouts(options: argparse.Namespace) -> dict[str, BinLayout | None]:
+    """Columns of each scan that is a .bin."""
+    told = told_layout(options.columns)
+    layouts: dict[str, BinLayout | None] = {}
+    for side in ('source', 'target'):
+        path = getattr(options, side)
+        binary = known_format(path) == '.bin' and path.stat().st_size > 0
+        layouts[side] = (told or bin_layout(path)) if binary else None
+    if told and not any(layouts.values()):
+        raise GclError(f'--columns {options.columns} is of a .bin, and neither scan is one')
+    return layouts
+
+
+def _show(options: argparse.Namespace, **pair: Any) -> None:
     """Draw and record the pair with the matches that agree."""
-    matches = None
-    if T is not None:
-        turned, still = registrar.views(source=source, target=target)
-        matches = agreeing(T, source=turned, target=still, config=registrar.config.match)
-    clouds = {'source': source, 'target': target}
-    pair: dict[str, Any] = {**clouds, 'T_target_source': T, 'matches': matches}
     if options.picture:
         title = f'{options.source.name} in the frame of {options.target.name}'
         birds_eye(options.picture, **pair, title=title)
@@ -55,8 +85,9 @@ def _show(
         record(options.rerun, **pair)
 
 
-def _summary(result: Registration) -> dict[str, Any]:
+def _summary(result: Registration, layouts: dict[str, BinLayout | None]) -> dict[str, Any]:
     return {
+        'columns': {side: str(layout) for side, layout in layouts.items() if layout},
         'T_target_source': result.T_target_source,
         'accepted': result.accepted,
         'probability': result.probability,

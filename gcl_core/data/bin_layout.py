@@ -53,12 +53,14 @@ class BinLayout:
 KITTI, NUSCENES = BinLayout(4), BinLayout(5)
 
 
-def parse_layout(text: str) -> BinLayout:
-    """A layout from `5` or `4xfloat64`.
+def told_layout(text: str | None) -> BinLayout | None:
+    """A layout from `5` or `4xfloat64`; None from nothing.
 
     Raises:
         GclError: it is neither.
     """
+    if not text:
+        return None
     match = re.fullmatch(r'(\d{1,4})(?:x(float32|float64))?', text)
     if not match or int(match[1]) < 3:
         raise GclError(f'columns {text!r}: give 3 or more, such as 5, or 4xfloat64')
@@ -79,7 +81,9 @@ def recognised(data: UInt8[np.ndarray, ' bytes'], name: str) -> BinLayout:
         return _fitting(KITTI, data, name)
     kind = _kind(data)
     if kind is None:
-        raise GclError(f'{name} holds no metres as float32 or float64; is it a cloud? If so, {REMEDY}')
+        raise GclError(
+            f'{name} holds no metres as float32 or float64; is it a cloud? If so, {REMEDY}'
+        )
     columns = _columns(*_sample(_values(data, kind)))
     if columns is None:
         raise GclError(f'{name} does not show how many columns of {kind} it has; {REMEDY}')
@@ -112,7 +116,9 @@ def _values(data: UInt8[np.ndarray, ' bytes'], kind: str) -> Float[np.ndarray, '
     return data[: len(data) // size * size].view(KINDS[kind])
 
 
-def _sample(values: Float[np.ndarray, ' n']) -> tuple[Float[np.ndarray, ' k'], Int64[np.ndarray, ' k']]:
+def _sample(
+    values: Float[np.ndarray, ' n'],
+) -> tuple[Float[np.ndarray, ' k'], Int64[np.ndarray, ' k']]:
     """Some of the values, and where each stands in the file."""
     if len(values) <= SAMPLE:
         places = np.arange(len(values))
@@ -162,7 +168,9 @@ def _columns(values: Float[np.ndarray, ' k'], places: Int64[np.ndarray, ' k']) -
 
 def _single(tables: dict[int, Int64[np.ndarray, 'columns bins']], columns: int) -> int | None:
     """Columns of one point where so many may hold several; None where that is not clear."""
-    apart = {s: _difference(tables[columns], s) for s in tables if s < columns and columns % s == 0}
+    apart = {
+        s: _difference(tables[columns], s) for s in tables if s < columns and columns % s == 0
+    }
     alike = [s for s in apart if apart[s] < ALIKE]
     if alike:
         return _single(tables, max(alike))

@@ -90,18 +90,18 @@ def bin_layout(path: Path) -> BinLayout:
 class CloudReader:
     """Reads the clouds of one drive; its `.bin` files all have the columns of the first.
 
-    Args:
-        layout: of `.bin` files; None sees it.
+    Attributes:
+        layout: of `.bin` files; None until it is seen.
     """
 
     def __init__(self, layout: BinLayout | None = None) -> None:
-        self._layout = layout
+        self.layout = layout
 
     def __call__(self, path: Path) -> PointCloud:
         """Read one; errors as `read_cloud`."""
-        if self._layout is None and path.suffix.lower() == '.bin' and path.is_file():
-            self._layout = bin_layout(path)
-        return read_cloud(path, self._layout)
+        if self.layout is None and path.suffix.lower() == '.bin' and path.is_file():
+            self.layout = bin_layout(path)
+        return read_cloud(path, self.layout)
 
 
 def write_cloud(path: Path, cloud: PointCloud) -> None:

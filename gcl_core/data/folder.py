@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from gcl_core.data.clouds import FORMATS, read_cloud
+from gcl_core.data.clouds import FORMATS, CloudReader
 from gcl_core.data.poses import read_poses
 from gcl_core.errors import GclError
 from gcl_core.types import PointCloud
@@ -20,6 +20,9 @@ class FolderSequence:
     Clouds (.bin, .pcd, .ply, .npy) are taken in the order of the numbers in their names.
     `poses.txt`, where present, holds a line for each: the LiDAR's pose as KITTI's 12 numbers.
 
+    Attributes:
+        clouds: reads the files; to be replaced where the columns of `.bin` files are told.
+
     Raises:
         GclError: no cloud, clouds of several formats, or not one pose for each cloud.
     """
@@ -27,11 +30,12 @@ class FolderSequence:
     def __init__(self, folder: Path) -> None:
         self.name = f'folder/{folder.resolve().name}'
         self._folder = folder
-        found = [path for path in _listed(folder) if path.suffix in FORMATS]
+        self.clouds = CloudReader()
+        found = [path for path in _listed(folder) if path.suffix.lower() in FORMATS]
         self._scans = sorted(found, key=_natural)
         if not self._scans:
             raise GclError(f'no cloud in {folder}; expected files {", ".join(FORMATS)}')
-        kinds = sorted({path.suffix for path in self._scans})
+        kinds = sorted({path.suffix.lower() for path in self._scans})
         if len(kinds) > 1:
             raise GclError(f'{folder} mixes {" and ".join(kinds)}; keep one format in a folder')
         poses = folder / 'poses.txt'
@@ -44,7 +48,7 @@ class FolderSequence:
 
     def scan(self, index: int) -> PointCloud:
         """Read one cloud."""
-        return read_cloud(self._scans[index])
+        return self.clouds(self._scans[index])
 
     def T_world_lidar(self, index: int) -> Float[np.ndarray, '4 4']:
         """Pose of the LiDAR.

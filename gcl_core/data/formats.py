@@ -6,7 +6,8 @@ from collections.abc import Callable
 from collections.abc import Sequence as List
 from pathlib import Path
 
-from gcl_core.data.clouds import FORMATS
+from gcl_core.data.bin_layout import BinLayout
+from gcl_core.data.clouds import FORMATS, CloudReader
 from gcl_core.data.eth import EthSequence
 from gcl_core.data.folder import FolderSequence
 from gcl_core.data.kitti import KittiSequence
@@ -26,7 +27,11 @@ LAYOUTS = {
 
 
 def open_sequence(
-    path: Path, sequence: str | None = None, *, layout: str | None = None
+    path: Path,
+    sequence: str | None = None,
+    *,
+    layout: str | None = None,
+    columns: BinLayout | None = None,
 ) -> Sequence:
     """Open one drive.
 
@@ -37,18 +42,23 @@ def open_sequence(
             nuScenes' log, ETH's scene, a bag's cloud topic (`/points`). May be left out where
             there is only one.
         layout: one of `LAYOUTS`; None looks.
+        columns: of `.bin` files; None sees them from the numbers.
 
     Raises:
         GclError: no known layout, or not the one that was told; the message says what was
             expected where.
     """
     names = None if sequence is None else [sequence]
-    (found,) = open_sequences(path, names, layout=layout).values()
+    (found,) = open_sequences(path, names, layout=layout, columns=columns).values()
     return found
 
 
 def open_sequences(
-    path: Path, names: List[str] | None = None, *, layout: str | None = None
+    path: Path,
+    names: List[str] | None = None,
+    *,
+    layout: str | None = None,
+    columns: BinLayout | None = None,
 ) -> dict[str, Sequence]:
     """Open drives of one data set by the short names that a pair list gives them.
 
@@ -59,6 +69,10 @@ def open_sequences(
         raise GclError(f'no folder {path}')
     asked: Names = names or [None]
     opened = OPENERS[_known(layout or detect(path))](path, asked)
+    for sequence in opened if columns else ():
+        if not isinstance(sequence, KittiSequence | FolderSequence):
+            raise GclError(f'{path} holds no .bin files of its own; leave --columns {columns} out')
+        sequence.clouds = CloudReader(columns)
     return {
         name or sequence.name.split('/', 1)[1]: sequence
         for name, sequence in zip(asked, opened, strict=True)
@@ -107,9 +121,9 @@ def detect(path: Path) -> str:
         return 'nuscenes'
     if (path / 'gt.log').is_file() or _eth_names(path):
         return 'eth'
-    if path.suffix in ('.mcap', '.db3') or (path / 'metadata.yaml').is_file():
+    if path.suffix.lower() in ('.mcap', '.db3') or (path / 'metadata.yaml').is_file():
         return 'rosbag2'
-    if any(file.suffix in FORMATS for file in path.glob('*')):
+    if any(file.suffix.lower() in FORMATS for file in path.glob('*')):
         return 'folder'
     known = '\n'.join(f'  {name}: {layout}' for name, layout in LAYOUTS.items())
     raise GclError(f'{path} has no layout that is known here; expected one of\n{known}')

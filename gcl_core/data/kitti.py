@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from gcl_core import se3
-from gcl_core.data.clouds import read_cloud
+from gcl_core.data.clouds import CloudReader
 from gcl_core.data.poses import is_rigid, read_poses, read_table
 from gcl_core.errors import GclError
 from gcl_core.types import PointCloud
@@ -28,6 +28,9 @@ class KittiSequence:
 
     Where there is no folder `velodyne`, poses are what there is: enough to draw pairs by distance.
 
+    Attributes:
+        clouds: reads the files; to be replaced where the columns of `.bin` files are told.
+
     Args:
         root: folder that holds `sequences` and `poses`.
         sequence: two digits, such as `08`.
@@ -41,6 +44,7 @@ class KittiSequence:
     def __init__(self, root: Path, sequence: str, poses: PoseSource = 'auto') -> None:
         folder = root / 'sequences' / sequence
         self._folder = folder / 'velodyne'
+        self.clouds = CloudReader()
         if not folder.is_dir():
             raise GclError(f'no folder {folder}; {LAYOUT}')
         self._scans = sorted(self._folder.glob('*.bin'))
@@ -67,7 +71,7 @@ class KittiSequence:
         """
         if not self._scans:
             raise GclError(f'no folder {self._folder}; {LAYOUT}')
-        return read_cloud(self._scans[index])
+        return self.clouds(self._scans[index])
 
     def T_world_lidar(self, index: int) -> Float[np.ndarray, '4 4']:
         """Pose of the LiDAR; the first scan of the drive is near the identity."""

@@ -57,8 +57,7 @@ class NuScenesSequence:
         path = self._frames[index].path
         if not path.is_file():
             raise GclError(f'no file {path}; download the key frames of LIDAR_TOP into it')
-        cloud = read_cloud(path)
-        return PointCloud(se3.transform(T_KITTI_SENSOR, cloud.points))
+        return read_cloud(path).moved(T_KITTI_SENSOR)
 
     def T_world_lidar(self, index: int) -> Float[np.ndarray, '4 4']:
         """Pose of the sensor, KITTI's axes, in the map's frame."""

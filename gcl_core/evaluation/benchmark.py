@@ -21,6 +21,7 @@ class SourceConfig:
     Attributes:
         data: a data set, bag or folder of clouds; empty: `--data` of the command line.
         layout: of the data; seen from the folder if empty.
+        columns: of `.bin` files, such as `5` or `4xfloat64`; seen from the numbers if empty.
         sequences: names, or `*` for all there are; empty: the only one, or those of pair lists.
         simulated: seeds of worlds, instead of data.
         meet: how a second simulated vehicle meets the first; pairs are drawn among the scans of
@@ -36,6 +37,7 @@ class SourceConfig:
 
     data: str = ''
     layout: str = ''
+    columns: str = ''
     sequences: tuple[str, ...] = ()
     simulated: tuple[int, ...] = ()
     meet: Manoeuvre | None = None

@@ -12,6 +12,7 @@ import numpy as np
 
 from gcl_core.compact.scan import CompactConfig
 from gcl_core.data import pair_sets
+from gcl_core.data.bin_layout import told_layout
 from gcl_core.data.compacted import CompactedSequence
 from gcl_core.data.deskewed import DeskewedSequence
 from gcl_core.data.formats import open_sequences, sequence_names
@@ -75,7 +76,9 @@ def open_source(config: BenchmarkConfig) -> dict[str, Sequence]:
     path, layout = Path(source.data), source.layout or None
     if names == ['*']:
         names = sequence_names(path, layout=layout)
-    opened = open_sequences(path, names or listed or None, layout=layout)
+    opened = open_sequences(
+        path, names or listed or None, layout=layout, columns=told_layout(source.columns)
+    )
     return {
         _as_listed(name, listed): _as_received(sequence, source)
         for name, sequence in opened.items()

@@ -15,10 +15,25 @@ from gcl_core import se3
 from gcl_core.errors import GclError, reason_of
 from gcl_core.evaluation import metrics
 from gcl_core.evaluation.score import Row
+from gcl_core.files import check_writable
 from gcl_core.types import Correspondences, PointCloud
 
 SOURCE_COLOR, TARGET_COLOR = '#e8590c', '#1971c2'
+PICTURES = ('.png', '.jpg', '.pdf', '.svg')
 NO_METADATA = dict.fromkeys(('Date', 'Creator', 'Format', 'Type'))  # nor their addresses
+
+
+def check_picture(path: Path) -> None:
+    """See that a picture can be written: before the work, not after.
+
+    Raises:
+        GclError: it is of no known format, or cannot be written there.
+    """
+    if path.suffix.lower() not in PICTURES:
+        raise GclError(
+            f'picture {path}: unknown format {path.suffix!r}; use {", ".join(PICTURES)}'
+        )
+    check_writable(path)
 
 
 def save(figure: object, path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -9,9 +10,24 @@ from jaxtyping import Float
 
 from gcl_core import se3
 from gcl_core.errors import GclError
+from gcl_core.files import check_writable
 from gcl_core.types import Correspondences, PointCloud
 
 TARGET, SOURCE, MATCH = (25, 113, 194), (232, 89, 12), (47, 158, 68)
+
+
+def check_recording(path: Path) -> None:
+    """See that a recording can be written: before the work, not after.
+
+    Raises:
+        GclError: the package is not installed, the file does not end in `.rrd`, or it cannot be
+            written there.
+    """
+    if find_spec('rerun') is None:
+        raise GclError("a recording needs Rerun's package: pip install rerun-sdk")
+    if path.suffix.lower() != '.rrd':
+        raise GclError(f'recording {path}: unknown format {path.suffix!r}; use .rrd')
+    check_writable(path)
 
 
 def record(
@@ -32,12 +48,10 @@ def record(
         matches: in the scans' own frames, joined by lines.
 
     Raises:
-        GclError: the package is not installed, or the file cannot be written.
+        GclError: the file cannot be written.
     """
-    try:
-        import rerun
-    except ImportError:
-        raise GclError("a recording needs Rerun's package: pip install rerun-sdk") from None
+    import rerun
+
     stream = rerun.RecordingStream('gcl')
     try:
         stream.save(path)

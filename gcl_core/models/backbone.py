@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Generic, Protocol, TypeVar
 
@@ -130,7 +130,7 @@ class Backbone(nn.Module, ABC, Generic[Config, Inputs]):
         Raises:
             GclError: the scan has no point within `max_range`.
         """
-        seen = self.describe([PointCloud(se3.transform(T_view_lidar, cloud.points))])[0]
+        seen = self.describe([cloud.moved(T_view_lidar)])[0]
         own = se3.transform(se3.inverse(T_view_lidar), seen.points.numpy())
         return Features(torch.from_numpy(own), seen.descriptors)
 
@@ -150,7 +150,7 @@ class Backbone(nn.Module, ABC, Generic[Config, Inputs]):
         described = {}
         for rest, turns in quarters_by_rest.items():
             T_turned_lidar = se3.from_xyz_rpy(yaw=rest * QUARTER)
-            turned = PointCloud(se3.transform(T_turned_lidar, cloud.points))
+            turned = cloud.moved(T_turned_lidar)
             described[rest] = self.describe_quarters(turned, turns)
         return [described[rest][place] for rest, place in places]
 
@@ -160,5 +160,5 @@ class Backbone(nn.Module, ABC, Generic[Config, Inputs]):
         Raises:
             GclError: the scan has no point within `max_range`.
         """
-        turned = (PointCloud(cloud.points @ QUARTER_TURNS[q % 4].T) for q in quarters)
+        turned = (replace(cloud, points=cloud.points @ QUARTER_TURNS[q % 4].T) for q in quarters)
         return [features for scan in turned for features in self.describe([scan])]

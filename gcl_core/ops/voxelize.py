@@ -82,8 +82,9 @@ def voxelize(clouds: Sequence[PointCloud], *, voxel_size: float, max_range: floa
         key, mean = found or _grouped(xyz, **limits)
         if len(key) == 0:
             raise GclError(
-                f'none of the {len(cloud)} points of scan {scan} lies within {max_range:g} m of '
-                'the sensor; check its unit (metres) and frame (origin at the sensor)'
+                f'{cloud.name or f"scan {scan}"}: none of its {len(cloud)} points lies within '
+                f'{max_range:g} m of the sensor; check its unit (metres) and frame (origin at the '
+                'sensor)'
             )
         keys.append(key + (scan << 3 * AXIS_BITS))
         points.append(mean)

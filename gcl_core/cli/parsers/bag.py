@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from gcl_core.cli.parsers.choices import STORAGES
-from gcl_core.cli.parsers.form import add_json, add_layout, form
+from gcl_core.cli.parsers.form import add_columns, add_json, add_layout, form
 from gcl_core.cli.parsers.quantities import count, positive, seed
 
 WRITES = 'Write /target/points, /source/points and /truth/transform as a rosbag2, '
@@ -37,6 +37,8 @@ def add_parser(commands: Any) -> None:
     nuscenes.add_argument('--sequence', help='log; default: the only one')
     folder = _kind(kinds, 'from-folder', 'from a folder of clouds with poses.txt')
     folder.add_argument('root', type=Path, help='folder of .bin, .pcd, .ply or .npy files')
+    for kind in (kitti, folder):
+        add_columns(kind)
     data = _kind(kinds, 'from-data', 'from any of these, ETH, or a bag of one drive')
     data.add_argument('root', type=Path, help='data set, bag, or folder')
     data.add_argument('--sequence', help='log, scene, topic, …; default: the only one')

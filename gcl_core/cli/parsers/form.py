@@ -37,7 +37,7 @@ def add_json(parser: argparse.ArgumentParser) -> None:
 def add_source(
     parser: argparse.ArgumentParser, *, required: bool = True, several: bool = False
 ) -> None:
-    """Add `--data` or `--simulated`, `--sequence` (a list of several) and `--format`."""
+    """Add `--data` or `--simulated`, `--sequence` (a list of several), and how they are read."""
     source = parser.add_mutually_exclusive_group(required=required)
     source.add_argument('--data', type=Path, help='data set, bag, or folder of clouds')
     source.add_argument('--simulated', type=seed, metavar='SEED', help='a simulated drive')
@@ -50,9 +50,19 @@ def add_source(
 
 
 def add_layout(parser: argparse.ArgumentParser) -> None:
-    """Add `--format`."""
+    """Add `--format` and `--columns`."""
     parser.add_argument(
         '--format', choices=LAYOUTS, help='layout of the data; default: seen from the folder'
+    )
+    add_columns(parser)
+
+
+def add_columns(parser: argparse.ArgumentParser) -> None:
+    """Add `--columns`."""
+    parser.add_argument(
+        '--columns',
+        metavar='N',
+        help='of a .bin, such as 5, or 4xfloat64; default: seen from its numbers',
     )
 
 

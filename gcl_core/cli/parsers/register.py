@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from gcl_core.cli.parsers.form import add_json, form
+from gcl_core.cli.parsers.form import add_columns, add_json, form
 
 SCAN = 'drive/sequences/{}/velodyne/000010.bin'
 
@@ -29,4 +29,5 @@ def add_parser(commands: Any) -> None:
     parser.add_argument('--aligned', type=Path, help='write the source in the target frame here')
     parser.add_argument('--picture', type=Path, help="write a bird's-eye picture (.png) here")
     parser.add_argument('--rerun', type=Path, help='write a Rerun recording (.rrd) here')
+    add_columns(parser)
     add_json(parser)
