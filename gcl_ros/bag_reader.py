@@ -13,6 +13,7 @@ from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 
 from gcl_core.errors import GclError
+from gcl_ros.bag_remedies import SUFFIXES, reason, storage_files
 
 STORE = Stores.ROS2_HUMBLE  # the messages used here are the same from Humble to Kilted
 
@@ -29,8 +30,17 @@ def _refused(what: str) -> Iterator[None]:
     try:
         yield
     except (Exception, MemoryError) as error:
-        reason = str(error) or type(error).__name__
-        raise GclError(f'cannot read {what}: {reason[:500]}; is it damaged or cut off?') from None
+        told = str(error) or type(error).__name__
+        raise GclError(f'cannot read {what}: {told[:500]}; is it damaged or cut off?') from None
+
+
+@contextmanager
+def _readable(path: Path) -> Iterator[None]:
+    """The same of a bag, with what helps."""
+    try:
+        yield
+    except (Exception, MemoryError) as error:
+        raise GclError(f'cannot read bag {path}: {reason(error, path)}') from None
 
 
 def deserialized(raw: Any, kind: str) -> Any:
@@ -57,7 +67,7 @@ class Bag:
 
     def __init__(self, path: Path, reader: Reader) -> None:
         self._path, self._reader = path, reader
-        with _refused(f'bag {path}'):
+        with _readable(path):
             self.connections = list(reader.connections)
             self.message_count, self.duration = int(reader.message_count), int(reader.duration)
             self.start_time, self.end_time = int(reader.start_time), int(reader.end_time)
@@ -79,7 +89,7 @@ class Bag:
         """
         messages = None
         while True:
-            with _refused(f'bag {self._path}'):
+            with _readable(self._path):
                 messages = messages or self._reader.messages(connections, **span)
                 found = next(messages, None)
             if found is None:
@@ -94,19 +104,39 @@ class Bag:
             yield connection, written, deserialized(raw, connection.msgtype)
 
 
+def bag_at(path: Path) -> Path:
+    """What stands for a bag: its folder, or a file of messages that no metadata.yaml lists.
+
+    Raises:
+        GclError: there is none.
+    """
+    if not path.exists():
+        raise GclError(f'cannot read bag {path}: it does not exist')
+    if path.is_dir():
+        if (path / 'metadata.yaml').is_file():
+            return path
+        files = storage_files(path)
+        if len(files) == 1:
+            return files[0]
+        raise GclError(
+            f'cannot read bag {path}: no metadata.yaml in it, and {len(files)} files '
+            f'{" or ".join(SUFFIXES)}; is it a rosbag2 folder? '
+            f'If so, `ros2 bag reindex {path}`, or name one file'
+        )
+    listing = path.resolve().with_name('metadata.yaml')
+    listed = listing.is_file() and path.name in listing.read_text(errors='replace')
+    return path.resolve().parent if listed else path
+
+
 @contextmanager
 def open_bag(path: Path) -> Iterator[Bag]:
-    """Open a rosbag2 folder.
+    """Open a rosbag2 folder, or a file of messages.
 
     Raises:
         GclError: missing or damaged.
     """
-    if not path.exists():
-        raise GclError(f'cannot read bag {path}: it does not exist')
-    if path.is_dir() and not (path / 'metadata.yaml').is_file():
-        raise GclError(f'cannot read bag {path}: no metadata.yaml in it; is it a rosbag2 folder?')
-    reader = None
-    with _refused(f'bag {path}'):
+    path, reader = bag_at(path), None
+    with _readable(path):
         reader = Reader(path)
         reader.open()
     try:

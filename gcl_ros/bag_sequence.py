@@ -13,7 +13,7 @@ from gcl_core import se3
 from gcl_core.errors import GclError
 from gcl_core.types import PointCloud
 from gcl_ros.bag import CLOUD, ODOMETRY
-from gcl_ros.bag_reader import Bag, open_bag
+from gcl_ros.bag_reader import Bag, bag_at, open_bag
 from gcl_ros.conversions import matrix, point_cloud, pose_matrix, seconds
 from gcl_ros.motion import MAX_GAP, interpolated
 
@@ -66,7 +66,7 @@ class BagSequence:
     no command can.
 
     Args:
-        path: folder of the bag.
+        path: folder of the bag, or a file of messages.
         topic: of the clouds; may be left out where there is one.
         pose_topic: may be left out where there is one.
         T_child_lidar: pose of the LiDAR in the child frame, instead of `/tf_static`.
@@ -84,9 +84,8 @@ class BagSequence:
         pose_topic: str | None = None,
         T_child_lidar: Float[np.ndarray, '4 4'] | None = None,
     ) -> None:
-        path = path.resolve().parent if path.is_file() else path
-        self.name = f'bag/{path.resolve().name}'
-        self._path = path
+        self._path = bag_at(path)
+        self.name = f'bag/{self._path.resolve().name}'
         self._topic = self._choose(topic, (CLOUD,), 'topic of clouds')
         self._pose_topic, self._T_child_lidar = pose_topic, T_child_lidar
         self._frame, self._index = self._read_index()

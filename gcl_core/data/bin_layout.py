@@ -15,7 +15,7 @@ from jaxtyping import Float, Int64, UInt8
 
 from gcl_core.errors import GclError
 
-KINDS = {'float32': '<f4', 'float64': '<f8'}
+KINDS = {'float64': '<f8', 'float32': '<f4'}  # tried in this order: none passes for float64
 MOST = 16  # columns: PCL's widest point of floats has 12
 REMEDY = 'say it by --columns 5, or --columns 4xfloat64 (in Python: layout)'
 SAMPLE, CHUNKS = 24_000, 6  # values looked at, and the runs of them, spread over the file
@@ -26,7 +26,7 @@ CONTENDER = 0.8  # of the best's information, which leaves two numbers of column
 ALIKE, UNLIKE = 0.4, 0.5  # bits between halves of a row: one point twice, or one point
 SANE = (1e-4, 1e6)  # magnitudes of metres, intensities and rings; zero besides
 LEAST_SANE = 0.6  # share of sane values; times in nanoseconds may lie among them
-FEW, HALVES = 0.02, 0.5  # share of first halves that are not zero; and of sane ones: float64 below
+SANE_AXES = 0.9  # the same of x, of y and of z
 
 
 @dataclass(frozen=True)
@@ -79,15 +79,17 @@ def recognised(data: UInt8[np.ndarray, ' bytes'], name: str) -> BinLayout:
     """
     if len(data) < 4 * FEWEST:
         return _fitting(KITTI, data, name)
-    kind = _kind(data)
-    if kind is None:
+    samples = {kind: _sample(_values(data, kind)) for kind in KINDS}
+    metres = {kind: sample for kind, sample in samples.items() if _sane(sample[0]) >= LEAST_SANE}
+    if not metres:
         raise GclError(
             f'{name} holds no metres as float32 or float64; is it a cloud? If so, {REMEDY}'
         )
-    columns = _columns(*_sample(_values(data, kind)))
-    if columns is None:
-        raise GclError(f'{name} does not show how many columns of {kind} it has; {REMEDY}')
-    return _fitting(BinLayout(columns, kind), data, name)
+    for kind, (values, places) in metres.items():
+        columns = _columns(values, places)
+        if columns and _are_points([values[places % columns == axis] for axis in range(3)]):
+            return _fitting(BinLayout(columns, kind), data, name)
+    raise GclError(f'{name} does not show how many columns of which kind it has; {REMEDY}')
 
 
 def _fitting(layout: BinLayout, data: UInt8[np.ndarray, ' bytes'], name: str) -> BinLayout:
@@ -128,22 +130,6 @@ def _sample(
     return values[places], places
 
 
-def _kind(data: UInt8[np.ndarray, ' bytes']) -> str | None:
-    """Of the numbers; None where they are no cloud's.
-
-    The first halves of float64 hold the last bits of numbers: read as float32 they are of any
-    magnitude, or all zero.
-    """
-    singles, places = _sample(_values(data, 'float32'))
-    if len(data) % 8 == 0:
-        halves = singles[places % 2 == 0]
-        halves = halves[halves != 0]
-        if len(halves) < FEW * len(singles) or _sane(halves) < HALVES:
-            singles = _sample(_values(data, 'float64'))[0]
-            return 'float64' if _sane(singles) >= LEAST_SANE else None
-    return 'float32' if _sane(singles) >= LEAST_SANE else None
-
-
 def _sane(values: Float[np.ndarray, ' k']) -> float:
     """Share of the finite values that are zero or of a size that clouds have."""
     sizes = np.abs(values[np.isfinite(values)])
@@ -151,19 +137,22 @@ def _sane(values: Float[np.ndarray, ' k']) -> float:
     return float(sane.sum() / max(len(sizes), 1))
 
 
+def _are_points(xyz: list[Float[np.ndarray, ' k']]) -> bool:
+    """Whether columns may be x, y, z: halves of float64 are of any magnitude, or all zero."""
+    return min(map(_sane, xyz)) >= SANE_AXES and len(np.unique(xyz[0])) > 1
+
+
 def _columns(values: Float[np.ndarray, ' k'], places: Int64[np.ndarray, ' k']) -> int | None:
     """Number of columns; None where no number stands out."""
     codes = _codes(values)
     tables = {s: _counts(codes, places % s, s) for s in range(3, MOST + 1)}
     told = {s: _information(table) for s, table in tables.items()}
-    best: int | None = max(told, key=lambda s: told[s])
-    if told[best] < LEAST:
+    most = max(told, key=lambda s: told[s])
+    best = _single(tables, most) if told[most] >= LEAST else None
+    if best is None:
         return None
-    best = _single(tables, best)
-    rivals = [s for s in told if best and s % best and best % s]
-    if any(told[s] > CONTENDER * told[best] for s in rivals):
-        return None
-    return best
+    rivals = [s for s in told if s % best and best % s]
+    return None if any(told[s] > CONTENDER * told[best] for s in rivals) else best
 
 
 def _single(tables: dict[int, Int64[np.ndarray, 'columns bins']], columns: int) -> int | None:

@@ -17,11 +17,12 @@ from gcl_core.errors import GclError
 
 Names = List[str] | List[None]  # None: the only one there is
 
+BAGS = ('.mcap', '.db3')
 LAYOUTS = {
     'kitti': 'sequences/NN/velodyne/*.bin, calib.txt, and poses/NN.txt or sequences/NN/poses.txt',
     'nuscenes': 'v1.0-*/*.json and samples/LIDAR_TOP/*.pcd.bin',
     'eth': 'Hokuyo_*.ply and gt.log, or folders of those',
-    'rosbag2': 'metadata.yaml beside *.mcap or *.db3',
+    'rosbag2': 'metadata.yaml beside *.mcap or *.db3, or such a file',
     'folder': f'{", ".join(FORMATS)} files, with or without poses.txt',
 }
 
@@ -121,10 +122,12 @@ def detect(path: Path) -> str:
         return 'nuscenes'
     if (path / 'gt.log').is_file() or _eth_names(path):
         return 'eth'
-    if path.suffix.lower() in ('.mcap', '.db3') or (path / 'metadata.yaml').is_file():
-        return 'rosbag2'
+    if path.suffix in (*BAGS, '.bag') or (path / 'metadata.yaml').is_file():
+        return 'rosbag2'  # of ROS 1, too: to be told how to make one of ROS 2
     if any(file.suffix.lower() in FORMATS for file in path.glob('*')):
         return 'folder'
+    if any(file.suffix in BAGS for file in path.glob('*')):
+        return 'rosbag2'
     known = '\n'.join(f'  {name}: {layout}' for name, layout in LAYOUTS.items())
     raise GclError(f'{path} has no layout that is known here; expected one of\n{known}')
 
@@ -167,9 +170,10 @@ def _open_eth(path: Path, names: Names) -> list[Sequence]:
 
 def _open_rosbag2(path: Path, names: Names) -> list[Sequence]:
     """Open a bag by its own name, or by a topic of it."""
+    from gcl_ros.bag_reader import bag_at
     from gcl_ros.bag_sequence import BagSequence
 
-    own = (path.parent if path.is_file() else path).resolve().name
+    own = bag_at(path).resolve().name
     topics = [n if n and n.startswith('/') else _only(path, own, n) and None for n in names]
     return [BagSequence(path, topic=topic) for topic in topics]
 

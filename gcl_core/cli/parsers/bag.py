@@ -49,7 +49,7 @@ def add_parser(commands: Any) -> None:
         _add_pairs(kind)
     what = 'topics, rates, frames, pairs and distances of a bag'
     info = kinds.add_parser('info', help=what, **form(f'Print {what}.', [EXAMPLES['info']]))
-    info.add_argument('bag', type=Path, help='rosbag2 folder')
+    info.add_argument('bag', type=Path, help='rosbag2 folder, or a file .mcap or .db3 of one')
     add_json(info)
 
 
