@@ -23,12 +23,11 @@ from gcl_core.config import load_config
 from gcl_core.data.formats import open_sequence
 from gcl_core.data.simulator.sequence import SimulatedSequence
 from gcl_core.errors import bad_input_exits
-from gcl_core.files import check_writable
 from gcl_core.models.kpconv_resunet import KPConvConfig
 from gcl_core.models.resunet import ResUNetConfig
 from gcl_core.models.zoo import NetworkConfig, build
 from gcl_core.ops.precision import best_dtype
-from gcl_core.provenance import provenance
+from gcl_core.provenance import provenance_for
 from gcl_core.training.recipe import TrainConfig
 from gcl_core.types import PointCloud
 
@@ -49,9 +48,9 @@ def main() -> None:
     parser.add_argument('--scans', type=int, default=3, help='how many, spread over the drive')
     parser.add_argument('--threads', type=int, default=1)
     options = parser.parse_args()
-    with bad_input_exits('backbones'):
-        check_writable(options.out)
     torch.set_num_threads(options.threads)
+    with bad_input_exits('backbones'):
+        here = provenance_for(options.out)
     clouds = scans(options.data, options.sequence, options.scans)
     networks = {
         name: load_config(TrainConfig, RECIPES / f'train_{name}.yaml').network
@@ -64,7 +63,7 @@ def main() -> None:
             f'| {name} | {row["parameters_m"]:.2f} | {row["points"]:.0f} | '
             f'{row["data_ms"]:.0f} | {row["inference_ms"]:.0f} |'
         )
-    figures |= provenance() | {'source': str(options.data or 'simulated')}
+    figures |= here | {'source': str(options.data or 'simulated')}
     options.out.write_text(json.dumps(figures, indent=2) + '\n')
 
 

@@ -19,7 +19,6 @@ import torch
 from gcl_core.bench.measure import gemm_gflops, milliseconds, peak_mb
 from gcl_core.data.simulator.sequence import SimulatedSequence
 from gcl_core.errors import bad_input_exits
-from gcl_core.files import check_writable
 from gcl_core.models.blocks import ConvNorm
 from gcl_core.models.resunet import ResUNet, ResUNetConfig
 from gcl_core.models.zoo import load_weights
@@ -27,7 +26,7 @@ from gcl_core.ops.kernel_map import KernelMap, build_pyramid
 from gcl_core.ops.memory import keep_freed_memory
 from gcl_core.ops.precision import best_dtype
 from gcl_core.ops.sparse_conv import sparse_conv
-from gcl_core.provenance import provenance
+from gcl_core.provenance import provenance_for
 from gcl_core.types import PointCloud, SparseTensor
 
 FCGF = ResUNetConfig(encoder=(32, 64, 128, 256), decoder=(128, 64, 64), head=64)
@@ -42,7 +41,7 @@ def main() -> None:
     parser.add_argument('--naive', action='store_true', help=argparse.SUPPRESS)
     options = parser.parse_args()
     with bad_input_exits('engine'):
-        check_writable(options.out)
+        here = {} if options.naive else provenance_for(options.out)
     keep_freed_memory()  # as the nodes and the trainer do
     scan, model, voxels = fixture()
     if options.naive:
@@ -66,7 +65,7 @@ def main() -> None:
     figures['gemm_gflops'] = gemm_gflops(dtype)
     convolving = figures['inference_ms'] - figures['maps_ms']
     figures['gemm_share'] = 1e3 * figures['gflop'] / convolving / figures['gemm_gflops']
-    figures |= provenance()
+    figures |= here
     rounded = {k: round(v, 6) if isinstance(v, float) else v for k, v in figures.items()}
     print('\n'.join(f'| {key} | {value} |' for key, value in rounded.items()))
     options.out.write_text(json.dumps(rounded, indent=2) + '\n')

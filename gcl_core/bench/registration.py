@@ -23,11 +23,10 @@ from gcl_core.estimation.decision import examine
 from gcl_core.estimation.estimators import estimate
 from gcl_core.estimation.refine import prepare
 from gcl_core.estimation.surface import surface
-from gcl_core.files import check_writable
 from gcl_core.matching.keypoints import choose
 from gcl_core.matching.match import match
 from gcl_core.ops.memory import keep_freed_memory
-from gcl_core.provenance import provenance
+from gcl_core.provenance import provenance_for
 from gcl_core.registrar import Registrar, RegistrarConfig
 from gcl_core.stopwatch import Stopwatch
 from gcl_core.types import PointCloud
@@ -44,7 +43,7 @@ def main() -> None:
     parser.add_argument('--repeats', type=int, default=15)
     options = parser.parse_args()
     with bad_input_exits('registration'):
-        check_writable(options.out)
+        here = provenance_for(options.out)
     keep_freed_memory()  # as the nodes do
     source, target = fixture()
     registrar = Registrar(RegistrarConfig(turns=1))
@@ -54,7 +53,7 @@ def main() -> None:
     print('| stage | shortest, ms | median, ms | processor, ms |\n|---|---|---|---|')
     for stage, row in figures.items():
         print(f'| {stage} |', ' | '.join(f'{value:.1f}' for value in row.values()), '|')
-    content = {'points': [len(source), len(target)], 'stages': figures, **provenance()}
+    content = {'points': [len(source), len(target)], 'stages': figures, **here}
     options.out.write_text(json.dumps(content, indent=2) + '\n')
 
 

@@ -28,9 +28,9 @@ from gcl_core.evaluation.report import Results, gather, write
 from gcl_core.evaluation.runner import Run
 from gcl_core.evaluation.score import Row
 from gcl_core.evaluation.tables import across, recall, summary
-from gcl_core.files import check_writable, write_text
+from gcl_core.files import write_text
 from gcl_core.ops.memory import keep_freed_memory
-from gcl_core.provenance import provenance
+from gcl_core.provenance import provenance_for
 from gcl_core.registrar import RegistrarConfig
 
 CONFIGS = Path(__file__).parents[2] / 'config'
@@ -52,9 +52,8 @@ def main(arguments: list[str] | None = None) -> None:
 
 def measure(options: argparse.Namespace) -> None:
     """Run every benchmark and write what came of it."""
-    check_writable(options.out, options.json)
+    here, parts, rows = provenance_for(options.out, options.json), [], []
     keep_freed_memory()
-    here, parts, rows = provenance(), [], []
     for name in ('simulated', 'real') if options.data else ('simulated',):
         config = adapted(load_config(BenchmarkConfig, CONFIGS / f'bench_{name}.yaml'), options)
         if name == 'real':

@@ -20,10 +20,10 @@ from gcl_core.errors import GclError, bad_input_exits
 from gcl_core.evaluation import metrics
 from gcl_core.evaluation.accept_tables import Row, by_distance, by_kind, markdown
 from gcl_core.evaluation.adversaries import Case, group
-from gcl_core.files import check_writable, sha256, write_text
+from gcl_core.files import sha256, write_text
 from gcl_core.models import zoo
 from gcl_core.progress import progress
-from gcl_core.provenance import provenance
+from gcl_core.provenance import provenance_for
 from gcl_core.registrar import Registrar, RegistrarConfig, View
 
 PAIRS = 404  # of a group
@@ -115,8 +115,7 @@ def main() -> None:
 
 def run(o: argparse.Namespace) -> None:
     """Run with parsed options."""
-    if o.out:
-        check_writable(o.out)
+    here = provenance_for(*([o.out] if o.out else []))
     registrar = Registrar(RegistrarConfig(weights=o.weights))
     config = registrar.config
     last = o.first - (-o.pairs // PAIRS) if o.last is None else o.last
@@ -134,7 +133,7 @@ def run(o: argparse.Namespace) -> None:
             'sensor': o.sensor,
             'min_probability': config.min_probability,
             'headings': config.looks,
-            'provenance': provenance(),
+            'provenance': here,
             'by_kind': by_kind(rows),
             'true_by_distance': by_distance(rows),
         }

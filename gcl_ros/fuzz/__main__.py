@@ -14,9 +14,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from gcl_core.errors import bad_input_exits
 from gcl_core.files import write_text
 from gcl_core.progress import progress
-from gcl_core.provenance import provenance
+from gcl_core.provenance import provenance_for
 from gcl_ros.fuzz.sandbox import MEMORY, PATIENCE
 from gcl_ros.fuzz.targets import targets
 
@@ -55,6 +56,8 @@ def main() -> None:
     parser.add_argument('--jobs', type=int, default=os.cpu_count(), help='targets at a time')
     parser.add_argument('--out', type=Path, default=Path('bench/fuzz.json'))
     o = parser.parse_args()
+    with bad_input_exits('fuzz'):
+        here = provenance_for(o.out)
     names = o.targets or list(targets())
     fuzz = partial(one, inputs=-(-o.inputs // len(names)), seed=o.seed, build=o.build)
     rows: list[dict[str, Any]] = []
@@ -65,11 +68,11 @@ def main() -> None:
             print(json.dumps(row), flush=True)
     finally:  # what was done is written where somebody ends it
         pool.shutdown(cancel_futures=True)
-        failed = report(o, rows)
+        failed = report(o, rows, here)
     sys.exit(bool(failed))
 
 
-def report(o: argparse.Namespace, rows: list[dict[str, Any]]) -> list[str]:
+def report(o: argparse.Namespace, rows: list[dict[str, Any]], here: dict[str, Any]) -> list[str]:
     """Write the JSON, print how it went, return the targets that did harm."""
     guided = importlib.util.find_spec('atheris') is not None
     content = {
@@ -79,7 +82,7 @@ def report(o: argparse.Namespace, rows: list[dict[str, Any]]) -> list[str]:
         'memory_bound_mb': MEMORY >> 20,
         'processor_bound_s': PATIENCE,
         'targets': rows,
-        **provenance(),
+        **here,
     }
     write_text(o.out, json.dumps(content, indent=1) + '\n')
     failed = [row['target'] for row in rows if 'failure' in row]

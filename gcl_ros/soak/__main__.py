@@ -19,7 +19,7 @@ from gcl_core.data.sequence import positions
 from gcl_core.data.simulator.sequence import SimulatedSequence
 from gcl_core.errors import bad_input_exits
 from gcl_core.files import write_text
-from gcl_core.provenance import provenance
+from gcl_core.provenance import provenance, provenance_for
 from gcl_ros.bag import Encounter, pair_encounters, read_encounters, write_bag
 from gcl_ros.session import local_dds
 from gcl_ros.soak.faults import schedule
@@ -118,9 +118,11 @@ def main() -> None:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
     with bad_input_exits('soak'):
+        out = o.out or o.folder / 'soak.json'
+        provenance_for(out)
         o.folder.mkdir(parents=True, exist_ok=True)
         report = soak(o.folder, 60 * o.minutes, o.seed, stop)
-        write_text(o.out or o.folder / 'soak.json', json.dumps(report, indent=1) + '\n')
+        write_text(out, json.dumps(report, indent=1) + '\n')
     short = ('accepted', 'strict', 'wrong', 'withheld', 'left out', 'answers', 'memory_change')
     print(', '.join(f'{name} {report[name]}' for name in short))
     print('soak:', '; '.join(report['failures']) or 'the node lived, and nothing was wrong')
