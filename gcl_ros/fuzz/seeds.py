@@ -126,6 +126,33 @@ def pcd(kind: str) -> bytes:
     return file_of('c.pcd', lambda p: o3d.t.io.write_point_cloud(str(p), tensor, **options))
 
 
+def padded_pcd() -> bytes:
+    """A .pcd as PCL writes it, with bytes between its fields."""
+    table = np.zeros(40, [('xyz', '<f4', 3), ('a', 'V4'), ('intensity', '<f4'), ('b', 'V12')])
+    table['xyz'] = cloud().points
+    return (
+        b'VERSION 0.7\nFIELDS x y z _ intensity _\nSIZE 4 4 4 1 4 1\nTYPE F F F U F U\n'
+        b'COUNT 1 1 1 4 1 12\nWIDTH 8\nHEIGHT 5\nPOINTS 40\nDATA binary\n' + table.tobytes()
+    )
+
+
+def rich_ply() -> bytes:
+    """A .ply of big-endian doubles behind another element, with more than x, y, z."""
+    table = np.zeros(40, [('red', 'u1'), ('xyz', '>f8', 3)])
+    table['xyz'] = cloud().points
+    return (
+        b'ply\nformat binary_big_endian 1.0\nelement camera 2\nproperty float fx\n'
+        b'element vertex 40\nproperty uchar red\nproperty double x\nproperty double y\n'
+        b'property double z\nend_header\n' + bytes(8) + table.tobytes()
+    )
+
+
+def bin_of_columns() -> bytes:
+    """A .bin of five columns of float64."""
+    ring = np.arange(40)[:, None] // 4
+    return np.hstack([cloud().points, ring % 7 / 7, ring]).astype(float).tobytes()
+
+
 def ply(kind: str) -> bytes:
     """A .ply file, ascii or binary."""
     import open3d as o3d

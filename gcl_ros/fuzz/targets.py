@@ -140,14 +140,18 @@ def targets() -> dict[str, Target]:
 
 def _files() -> list[tuple[str, Callable[[Path], object], Callable[[], list[bytes]]]]:
     """Readers of one file each."""
-    pcds = lambda: [seeds.pcd(kind) for kind in ('ascii', 'binary', 'compressed')]  # noqa: E731
+    pcds = lambda: [  # noqa: E731
+        *(seeds.pcd(kind) for kind in ('ascii', 'binary', 'compressed')),
+        seeds.padded_pcd(),
+    ]
+    plys = lambda: [seeds.ply('ascii'), seeds.ply('binary'), seeds.rich_ply()]  # noqa: E731
     steps = lambda: [  # noqa: E731
         seeds.file_of('c', lambda path: checkpoint.save(path, seeds.state(), 3, {}))
     ]
     return [
         ('c.pcd', read_cloud, pcds),
-        ('c.ply', read_cloud, lambda: [seeds.ply('ascii'), seeds.ply('binary')]),
-        ('c.bin', read_cloud, lambda: [seeds.bin_file()]),
+        ('c.ply', read_cloud, plys),
+        ('c.bin', read_cloud, lambda: [seeds.bin_file(), seeds.bin_of_columns()]),
         ('c.npy', read_cloud, lambda: [seeds.npy()]),
         ('registrar.yaml', partial(load_config, RegistrarConfig), lambda: [seeds.config()]),
         ('train.yaml', partial(load_config, TrainConfig), lambda: [b'seed: 1\nsteps: 10\n']),

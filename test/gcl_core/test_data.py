@@ -1,6 +1,7 @@
 """Clouds on disk, simulated scans, and pairs of them."""
 
 import numpy as np
+import open3d as o3d
 import pytest
 
 from gcl_core import se3
@@ -25,6 +26,43 @@ def test_clouds_survive_a_round_trip(tmp_path, suffix):
     points = np.random.default_rng(0).normal(size=(50, 3)).astype(np.float32)
     write_cloud(tmp_path / f'c{suffix}', PointCloud(points))
     np.testing.assert_allclose(read_cloud(tmp_path / f'c{suffix}').points, points, atol=1e-6)
+
+
+N = 5000
+XYZ = np.random.default_rng(5).normal(0, 20, (N, 3)).astype(np.float32)
+
+
+@pytest.mark.parametrize('ascii_', [True, False])
+@pytest.mark.parametrize('name', ['c.pcd', 'compressed.pcd', 'c.ply'])
+def test_what_another_program_writes_is_read(name, ascii_, tmp_path):
+    cloud = o3d.t.geometry.PointCloud(o3d.core.Tensor(XYZ))
+    cloud.point['intensity'] = o3d.core.Tensor(XYZ[:, :1])
+    packs = name.startswith('compressed')
+    o3d.t.io.write_point_cloud(
+        str(tmp_path / name), cloud, write_ascii=ascii_ and not packs, compressed=packs
+    )
+    np.testing.assert_allclose(read_cloud(tmp_path / name).points, XYZ, rtol=1e-5, atol=1e-5)
+
+
+@pytest.mark.parametrize('name', ['c.pcd', 'c.ply', 'C.PCD', 'C.NPY'])
+def test_what_is_written_another_program_reads(name, tmp_path):
+    write_cloud(tmp_path / name, PointCloud(XYZ))
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+    if name.endswith('NPY'):
+        assert np.array_equal(np.load(tmp_path / name), XYZ)
+    elif name.islower():
+        read = o3d.t.io.read_point_cloud(str(tmp_path / name)).point['positions']
+        assert np.array_equal(read.numpy(), XYZ)
+
+
+def test_compressed_repeats_are_read(tmp_path):
+    """What refers to what it writes itself, far back and near, long and short."""
+    points = np.tile(XYZ[:7], (N // 7, 1))
+    points[: N // 2] = 0.25
+    cloud = o3d.t.geometry.PointCloud(o3d.core.Tensor(points))
+    o3d.t.io.write_point_cloud(str(tmp_path / 'c.pcd'), cloud, compressed=True)
+    assert (tmp_path / 'c.pcd').stat().st_size < points.nbytes / 3
+    assert np.array_equal(read_cloud(tmp_path / 'c.pcd').points, points)
 
 
 def test_points_that_are_not_finite_are_dropped(tmp_path):

@@ -8,15 +8,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import open3d as o3d
 import pytest
 
 from gcl_core.cli.main import main
 from gcl_core.data.bin_layout import BinLayout
-from gcl_core.data.clouds import read_cloud, write_cloud
+from gcl_core.data.clouds import read_cloud
 from gcl_core.data.formats import open_sequence
 from gcl_core.errors import GclError
-from gcl_core.types import PointCloud
 from gcl_ros.bag_info import look
 from gcl_ros.fuzz import seeds
 
@@ -264,39 +262,6 @@ def test_a_file_is_read_right_or_refused_by_name(case, tmp_path):
     np.testing.assert_allclose(read_cloud(path).points, points, rtol=2e-7)
 
 
-@pytest.mark.parametrize('ascii_', [True, False])
-@pytest.mark.parametrize('name', ['c.pcd', 'compressed.pcd', 'c.ply'])
-def test_what_another_program_writes_is_read(name, ascii_, tmp_path):
-    cloud = o3d.t.geometry.PointCloud(o3d.core.Tensor(XYZ))
-    cloud.point['intensity'] = o3d.core.Tensor(INTENSITY)
-    packs = name.startswith('compressed')
-    o3d.t.io.write_point_cloud(
-        str(tmp_path / name), cloud, write_ascii=ascii_ and not packs, compressed=packs
-    )
-    np.testing.assert_allclose(read_cloud(tmp_path / name).points, XYZ, rtol=1e-5, atol=1e-5)
-
-
-@pytest.mark.parametrize('name', ['c.pcd', 'c.ply', 'C.PCD', 'C.NPY'])
-def test_what_is_written_another_program_reads(name, tmp_path):
-    write_cloud(tmp_path / name, PointCloud(XYZ))
-    assert [path.name for path in tmp_path.iterdir()] == [name]
-    if name.endswith('NPY'):
-        assert np.array_equal(np.load(tmp_path / name), XYZ)
-    elif name.islower():
-        read = o3d.t.io.read_point_cloud(str(tmp_path / name)).point['positions']
-        assert np.array_equal(read.numpy(), XYZ)
-
-
-def test_compressed_repeats_are_read(tmp_path):
-    """What refers to what it writes itself, far back and near, long and short."""
-    points = np.tile(XYZ[:7], (N // 7, 1))
-    points[: N // 2] = 0.25
-    cloud = o3d.t.geometry.PointCloud(o3d.core.Tensor(points))
-    o3d.t.io.write_point_cloud(str(tmp_path / 'c.pcd'), cloud, compressed=True)
-    assert (tmp_path / 'c.pcd').stat().st_size < points.nbytes / 3
-    assert np.array_equal(read_cloud(tmp_path / 'c.pcd').points, points)
-
-
 @pytest.mark.parametrize('seed', range(3))
 def test_columns_are_seen_whatever_the_order_of_the_points(seed, drive, tmp_path):
     points = np.random.default_rng(seed).permutation(drive.scan(90).points)
@@ -319,62 +284,6 @@ def test_columns_are_named_and_can_be_told(tmp_path, caplog, capsys):
     assert json.loads(capsys.readouterr().out)['columns'] == '5 columns of float32'
     assert len(read_cloud(tmp_path / '1.bin', BinLayout(10))) == N // 2
     assert len(open_sequence(tmp_path, columns=BinLayout(10)).scan(0)) == N // 2
-
-
-REAL_PAIR = 'source.pcd', 'target.bin'
-
-
-@pytest.fixture(scope='module')
-def pair(tmp_path_factory, drive):
-    folder = tmp_path_factory.mktemp('pair')
-    write_cloud(folder / 'source.pcd', drive.scan(98))
-    points = drive.scan(90).points
-    spare = np.full((len(points), 1), 3, np.float32)
-    (folder / 'target.bin').write_bytes(rows(points, spare, spare * 0, spare * 9))
-    write_cloud(folder / 'far.pcd', PointCloud(points + np.float32(1e5)))
-    (folder / 'fast.yaml').write_text('turns: 1\n')
-    (folder / 'text').write_text('')
-    return folder
-
-
-COMMANDS = [
-    ('register', '{}/none.pcd {}/none.bin --picture {}/a.gif', "unknown format '.gif'; use .png"),
-    ('register', '{}/none.pcd {}/none.bin --picture {}/text/a.png', 'cannot write'),
-    ('register', '{}/none.pcd {}/none.bin --aligned {}/a.las', "a.las: unknown format '.las'"),
-    ('register', '{}/none.pcd {}/none.bin --aligned {}/text/a.pcd', 'cannot write'),
-    ('register', '{}/none.pcd {}/none.bin --aligned {}', 'unknown format'),
-    ('register', '{}/source.pcd {}/far.pcd', '/far.pcd: none of its'),
-    ('register', '{}/far.pcd {}/source.pcd', '/far.pcd: none of its'),
-    ('register', '{}/source.pcd {}/source.pcd --columns 5', '--columns 5 is of a .bin'),
-    ('register', '{}/source.pcd {}/target.bin --columns two', "columns 'two': give 3 or more"),
-    ('register', '{}/source.pcd {}/target.bin --columns 7', 'not a multiple of 28'),
-    ('inspect', '--data {}/none --scan 0 --picture {}/a.bmp', "unknown format '.bmp'; use .png"),
-    ('inspect', '--data {}/none --scan 0 --picture {}/text/a.png', 'cannot write'),
-]
-
-
-@pytest.mark.parametrize(('command', 'arguments', 'words'), COMMANDS)
-def test_a_command_refuses_before_the_work(command, arguments, words, pair, capsys):
-    assert main([command, *arguments.replace('{}', str(pair)).split()]) == 2
-    assert words in capsys.readouterr().err
-
-
-def test_a_picture_shows_what_was_registered(pair, capsys, monkeypatch):
-    """Each scan is described once; the JSON says how the .bin was read; folders are made."""
-    from gcl_core.registrar import Registrar
-
-    described = []
-    view = Registrar.view
-    monkeypatch.setattr(
-        Registrar, 'view', lambda self, *a, **k: described.append(1) or view(self, *a, **k)
-    )
-    files = [str(pair / name) for name in REAL_PAIR]
-    outputs = ['--picture', str(pair / 'new/a.PNG'), '--aligned', str(pair / 'new/a.Pcd')]
-    assert main(['register', *files, '--config', str(pair / 'fast.yaml'), *outputs, '--json']) == 0
-    assert json.loads(capsys.readouterr().out)['columns'] == {'target': '6 columns of float32'}
-    assert len(described) == 2
-    assert (pair / 'new/a.PNG').stat().st_size > 10_000
-    assert len(read_cloud(pair / 'new/a.Pcd')) == len(read_cloud(pair / 'source.pcd'))
 
 
 def bag(folder, storage='mcap'):
