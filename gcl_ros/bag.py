@@ -16,6 +16,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from gcl_core import se3
 from gcl_core.data.sequence import Sequence, positions
 from gcl_core.errors import GclError, reason_of
+from gcl_core.files import check_writable
 from gcl_core.types import PointCloud
 from gcl_ros.bag_reader import message_types, open_bag
 from gcl_ros.conversions import (
@@ -92,6 +93,17 @@ def following(sequence: Sequence, distance: float) -> list[tuple[int, int]]:
     return pairs
 
 
+def check_place(path: Path) -> None:
+    """See that a bag can be written: before the work, not after.
+
+    Raises:
+        GclError: something is there already, or its folder cannot be written to.
+    """
+    if path.exists():
+        raise GclError(f'{path} exists already; remove it or choose another name')
+    check_writable(path)
+
+
 def write_bag(
     path: Path,
     encounters: Iterable[Encounter],
@@ -106,10 +118,8 @@ def write_bag(
     Raises:
         GclError: the folder exists already, or there is no room.
     """
-    if path.exists():
-        raise GclError(f'{path} exists already; remove it or choose another name')
+    check_place(path)
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
         with TemporaryDirectory(prefix='.unfinished_', dir=path.parent) as folder:
             count = _write(Path(folder) / path.name, encounters, storage, pair_list)
             (Path(folder) / path.name).rename(path)

@@ -31,8 +31,9 @@ def _info(options: argparse.Namespace) -> str:
 
 
 def _write(options: argparse.Namespace) -> str:
-    from gcl_ros.bag import pair_encounters, write_bag
+    from gcl_ros.bag import check_place, pair_encounters, write_bag
 
+    check_place(options.bag)
     sequences: Mapping[str, Sequence]
     if options.kind == 'from-simulator':
         sequences = {str(options.world): SimulatedSequence(options.world)}

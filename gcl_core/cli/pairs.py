@@ -12,12 +12,14 @@ from gcl_core.data.formats import open_sequences
 from gcl_core.data.pair_list import PairList, write_pair_list
 from gcl_core.data.sequence import Sequence
 from gcl_core.errors import GclError
+from gcl_core.files import check_writable
 from gcl_core.progress import progress
 from gcl_core.to_json import to_json
 
 
 def run(options: argparse.Namespace) -> Answer:
     """Draw and write."""
+    check_writable(options.list)
     columns = told_layout(options.columns)
     opened = open_sequences(options.data, options.sequence, layout=options.format, columns=columns)
     pairs = _draw(options, opened)

@@ -36,6 +36,9 @@ COMMANDS = [
     ('register', '{}/source.pcd {}/source.pcd --columns 5', '--columns 5 is of a .bin'),
     ('register', '{}/source.pcd {}/target.bin --columns two', "columns 'two': give 3 or more"),
     ('register', '{}/source.pcd {}/target.bin --columns 7', 'not a multiple of 28'),
+    ('pairs', '{}/text/list --data {}/none --fcgf', 'cannot write'),
+    ('bag', 'from-data {}/none {}/text --pairs 1', 'text exists already; remove it'),
+    ('bag', 'from-data {}/none {}/text/bag --pairs 1', 'cannot write'),
     ('inspect', '--data {}/none --scan 0 --picture {}/a.bmp', "unknown format '.bmp'; use .png"),
     ('inspect', '--data {}/none --scan 0 --picture {}/text/a.png', 'cannot write'),
 ]

@@ -114,6 +114,7 @@ def test_bag_from_a_folder_names_its_pairs(tmp_path, drive, capsys, write_folder
     assert main([*arguments, '--list', str(listing)]) == 0
     assert pair_list_label(tmp_path / 'c') == read_pair_list(listing).label
     listing.write_text('other 0 1\n')
+    arguments[-1] = str(tmp_path / 'd')
     assert main([*arguments, '--list', str(listing)]) == 2
     assert 'lists no pair of scans' in capsys.readouterr().err
 
