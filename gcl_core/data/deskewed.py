@@ -12,6 +12,7 @@ from jaxtyping import Float
 from gcl_core import se3
 from gcl_core.data.sequence import Sequence
 from gcl_core.errors import GclError
+from gcl_core.ops.deskew import between, deskewed
 from gcl_core.types import PointCloud
 
 LONGEST_SWEEP = 1.0  # seconds; 0.05 to 0.2 are common
@@ -55,18 +56,19 @@ class DeskewedSequence:
 
     def scan(self, index: int) -> PointCloud:
         """Read one scan; its points in the sensor's frame at the time of its pose."""
-        from scipy.spatial.transform import Rotation
-
         points = self._drive.scan(index).points
         before, after = max(index - 1, 0), min(index + 1, len(self) - 1)
+        stamps = self._times[[before, after]] - self._times[index]
         moved = se3.inverse(self.T_world_lidar(before)) @ self.T_world_lidar(after)
         share = -np.arctan2(points[:, 1], points[:, 0]) / (2 * np.pi)  # of a turn, clockwise
-        passed = (share * self._sweep / (self._times[after] - self._times[before]))[:, None]
-        bend = Rotation.from_matrix(moved[:3, :3]).as_rotvec()
-        ahead = Rotation.from_rotvec(-bend / 2).apply(moved[:3, 3])  # as the sensor looks half-way
-        shift = passed * Rotation.from_rotvec(passed * bend / 2).apply(ahead)
-        straight = Rotation.from_rotvec(passed * bend).apply(points) + shift
-        return PointCloud(straight.astype(points.dtype))
+        start = se3.inverse(between(np.eye(4), moved, -stamps[0] / (stamps[1] - stamps[0])))
+        straight = deskewed(
+            points,
+            share * self._sweep,
+            stamps=stamps,
+            T_ref_lidar=np.stack([start, start @ moved]),
+        )
+        return PointCloud(straight)
 
     def T_world_lidar(self, index: int) -> Float[np.ndarray, '4 4']:
         """Pose of the sensor at that scan."""
