@@ -82,14 +82,34 @@ def check_size(message: Any, name: str) -> None:
     Raises:
         GclError: it is empty, or too short.
     """
-    count = int(message.width) * int(message.height)
+    height, width, step = int(message.height), int(message.width), int(message.point_step)
+    carried, count = len(message.data), width * height
+    if count == 0 and carried:
+        raise GclError(
+            f'{name} is empty by its height {height} and width {width}, but carries {carried} '
+            'bytes; its driver must set both: height 1, and width the number of points'
+        )
     if count == 0:
         raise GclError(f'{name} is empty; check the driver')
-    step, row_step = int(message.point_step), int(message.row_step)
-    if row_step < step * int(message.width) or len(message.data) < row_step * int(message.height):
+    if row_bytes(message) is None:
         raise GclError(
-            f'{name} claims {count} points of {step} bytes but carries {len(message.data)} bytes'
+            f'{name} claims {count} points of {step} bytes but carries {carried} bytes (height '
+            f'{height}, width {width}, point_step {step}, row_step {message.row_step}); check the '
+            'driver'
         )
+
+
+def row_bytes(message: Any) -> int | None:
+    """Bytes from one row of a PointCloud2 to the next; None if they do not fit its data.
+
+    Several drivers and simulators fill row_step wrongly. It only counts where rows are longer than
+    their points, and the data is as long as it says.
+    """
+    height, row_step = int(message.height), int(message.row_step)
+    tight, carried = int(message.point_step) * int(message.width), len(message.data)
+    if carried == tight * height or (height == 1 and carried >= tight):
+        return tight
+    return row_step if row_step >= tight and carried >= row_step * height else None
 
 
 def column(message: Any, field: Any, name: str) -> np.ndarray:
@@ -109,7 +129,7 @@ def column(message: Any, field: Any, name: str) -> np.ndarray:
         dtype=('>' if message.is_bigendian else '<') + kind,
         buffer=memoryview(message.data),
         offset=int(field.offset),
-        strides=(int(message.row_step), step, *([size] if count > 1 else [])),
+        strides=(row_bytes(message), step, *([size] if count > 1 else [])),
     )
 
 
