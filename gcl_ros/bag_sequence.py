@@ -15,7 +15,7 @@ from gcl_core.types import PointCloud
 from gcl_ros.bag import CLOUD, ODOMETRY
 from gcl_ros.bag_reader import Bag, bag_at, open_bag
 from gcl_ros.conversions import matrix, point_cloud, pose_matrix, seconds
-from gcl_ros.motion import MAX_GAP, interpolated
+from gcl_ros.odometry import MAX_GAP, interpolated
 
 STATIC, TRANSFORMS = '/tf_static', 'tf2_msgs/msg/TFMessage'
 

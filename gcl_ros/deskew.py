@@ -1,67 +1,108 @@
-"""Undo the vehicle's motion during a scan, where points tell their times.
+"""Undo the vehicle's motion during a scan, where points tell their times and odometry the motion.
 
-At 20 m/s a scan of 0.1 s is 2 m long. Known fields: `t` (Ouster), `time` (Velodyne), `timestamp`
-(Hesai, RoboSense), `offset_time` (Livox). Integers count nanoseconds, floats seconds; a field of
-large floats counts from the epoch, the others from the stamp of the header.
+At 20 m/s a scan of 0.1 s is 2 m long. What is not undone is said, and is part of the deviation.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
+from scipy.spatial.transform import Rotation
 
 from gcl_core import se3
+from gcl_core.ops.deskew import deskewed as straightened
 from gcl_core.types import PointCloud
-from gcl_ros.conversions import column, every_point, finite, kept, name_of, seconds
-from gcl_ros.motion import Odometry
+from gcl_ros.conversions import every_point, finite, kept, seconds
+from gcl_ros.feature_cloud import is_feature_cloud
+from gcl_ros.odometry import MAX_GAP, Odometry
+from gcl_ros.point_times import point_times
 
-TIMES = ('t', 'time', 'timestamp', 'offset_time')
-LONGEST = 1.0  # seconds before or after the header's stamp
-STEP = 0.005  # seconds that points are moved alike
+SWEEP = 0.1  # seconds of a scan whose points do not tell
+STRAY = 0.05  # share of the points that odometry may leave out
 
 
-def point_times(message: Any) -> np.ndarray | None:
-    """Seconds of each point after the stamp of the header; None where points do not tell.
+@dataclass(frozen=True)
+class Swept:
+    """A scan that took its time, and what became of the motion meanwhile.
 
-    The message must have passed `every_point`.
+    Attributes:
+        cloud: as if seen at once, at the stamp of the header; None where it is taken as it came.
+        why: it is taken so; empty where there was nothing to undo or it was undone.
+        timeless: points without a time, which stay where they are.
+        left: motion that was not undone: metres along, radians about the LiDAR's x, y, z.
     """
-    field = next((f for f in message.fields if f.name in TIMES and f.count <= 1), None)
-    if field is None:
-        return None
-    values = column(message, field, name_of(message)).reshape(-1)
-    times = values.astype(np.float64)
-    if values.dtype.kind in 'iu':
-        times *= 1e-9
-    elif np.nanmax(times, initial=0.0) > 1e6:
-        times -= seconds(message.header.stamp)
-    within = np.abs(times) <= LONGEST
-    return times if within.all() else None  # times of some other meaning
+
+    cloud: PointCloud | None = None
+    why: str = ''
+    timeless: int = 0
+    left: Float[np.ndarray, '6'] = field(default_factory=lambda: np.zeros(6))
 
 
-def deskewed(message: Any, odometry: Odometry) -> PointCloud | None:
-    """The cloud as if seen at once, at the stamp of its header.
+def deskewed(message: Any, odometry: Odometry, sweep: float = SWEEP) -> Swept:
+    """Bring the points of a cloud to where they are at the stamp of its header.
 
     Args:
         message: sensor_msgs/PointCloud2.
         odometry: of the LiDAR that saw it.
-
-    Returns:
-        None where points have no times, or odometry does not cover them.
+        sweep: seconds that a scan takes whose points do not tell; 0 if scans come de-skewed, and
+            nothing is done.
 
     Raises:
         GclError: as `gcl_ros.conversions.point_cloud`.
     """
-    points = every_point(message)
-    times = point_times(message)
-    if times is None:
-        return None
+    if sweep == 0:
+        return Swept()
     stamp = seconds(message.header.stamp)
-    step = np.round(times / STEP).astype(int)
-    moved = np.empty_like(points)
-    for k in np.unique(step):
-        motion = odometry.moved(stamp, stamp + k * STEP)
-        if motion is None:
-            return None
-        moved[step == k] = se3.transform(motion, points[step == k])
-    return kept(moved, finite(moved), message)
+    if is_feature_cloud(message):
+        return _as_it_came(
+            'it comes described: nothing can be undone here', odometry, stamp, sweep
+        )
+    points = every_point(message)
+    times = point_times(message, points)
+    if times.seconds is None:
+        return _as_it_came(times.why, odometry, stamp, sweep)
+    after, seen = times.seconds, finite(points) & np.isfinite(times.seconds)
+    began, ended = float(after[seen].min()), float(after[seen].max())
+    why = _gap(odometry, stamp, stamp + after[seen])
+    if why:
+        return _as_it_came(why, odometry, stamp + began, ended - began)
+    first, last = odometry.known
+    after = np.where((stamp + after >= first) & (stamp + after <= last), after, np.nan)
+    stamps, poses = odometry.over(stamp + began, stamp + ended)
+    back = se3.inverse(odometry.at(stamp))
+    moved = straightened(
+        points,
+        after,
+        stamps=np.array(stamps) - stamp,
+        T_ref_lidar=np.stack([back @ pose for pose in poses]),
+    )
+    timeless = int(np.isnan(after[finite(points)]).sum())
+    return Swept(kept(moved, finite(moved), message), timeless=timeless)
+
+
+def _gap(odometry: Odometry, stamp: float, when: Float[np.ndarray, ' n']) -> str:
+    """What keeps odometry from telling the motion at some times; empty if it tells it."""
+    if odometry.known is None:
+        return 'no odometry came'
+    first, last = odometry.known
+    outside = np.mean((when < first) | (when > last))
+    if outside > STRAY or not first <= stamp <= last:
+        if last < stamp:
+            return f'odometry ends {stamp - last:.3f} s before the stamp of the scan'
+        if when.max() > last:
+            return f'odometry ends {when.max() - last:.3f} s before the scan does'
+        return f'odometry begins {first - min(stamp, when.min()):.3f} s after the scan'
+    stamps, _ = odometry.over(min(stamp, when.min()), max(stamp, when.max()))
+    widest = max(np.diff(stamps), default=np.inf)
+    return f'odometry has a gap of {widest:.2f} s there' if widest > MAX_GAP else ''
+
+
+def _as_it_came(why: str, odometry: Odometry, began: float, span: float) -> Swept:
+    moved = odometry.pace(began, span)
+    if moved is None:
+        return Swept(why=why)
+    turn = Rotation.from_matrix(moved[:3, :3]).as_rotvec()
+    return Swept(why=why, left=np.concatenate([moved[:3, 3], turn]))

@@ -26,6 +26,7 @@ from gcl_core.registrar import FEWEST_KEY_POINTS, Registrar, View
 from gcl_core.stopwatch import Stopwatch
 from gcl_core.types import Correspondences, PointCloud, Registration
 from gcl_ros.conversions import name_of, point_cloud
+from gcl_ros.deskew import Swept
 from gcl_ros.feature_cloud import feature_cloud, is_feature_cloud, weights_hash
 from gcl_ros.recent import Recent
 from gcl_ros.views import Look, Scan, Views, look_at, scan_of
@@ -67,14 +68,12 @@ class Exchange:
         self._still_yaw = 0.0  # of the last still scan's view: about that of the next
         self.weights = weights_hash(registrar.model)
 
-    def read(
-        self, message: Any, *, deskew: Callable[[Any], PointCloud | None] = lambda _: None
-    ) -> Scan:
+    def read(self, message: Any, *, deskew: Callable[[Any], Swept] = lambda _: Swept()) -> Scan:
         """Read a message; its fields tell whether it is raw.
 
         Args:
             message: sensor_msgs/PointCloud2.
-            deskew: undoes the motion during a raw scan, or gives None.
+            deskew: undoes the motion during a raw scan, or says what is left of it.
 
         Raises:
             GclError: malformed, of other weights, or too few points.
@@ -85,19 +84,20 @@ class Exchange:
         """A scan of which there are the points."""
         return Scan(cloud, self.registrar.model.facing(cloud))
 
-    def _scan(self, message: Any, deskew: Callable[[Any], PointCloud | None]) -> Scan:
+    def _scan(self, message: Any, deskew: Callable[[Any], Swept]) -> Scan:
+        swept = deskew(message)
         if is_feature_cloud(message):
             length = self.registrar.model.config.descriptor
             scan = scan_of(feature_cloud(message, self.weights, length))
         else:
-            scan = self.raw(deskew(message) or point_cloud(message))
+            scan = self.raw(swept.cloud or point_cloud(message))
         fewest = FEWEST_KEY_POINTS if scan.headings else FEWEST_POINTS
         if len(scan.cloud) < fewest:
             raise GclError(
                 f'{name_of(message)} has {len(scan.cloud)} '
                 f'{"key " if scan.headings else ""}points, {fewest} are needed'
             )
-        return scan
+        return replace(scan, swept=swept)
 
     def register(self, *, source: Scan, target: Scan, yaw: float | None = None) -> Registered:
         """Find the transform that maps source points into the target frame.

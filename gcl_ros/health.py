@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from gcl_core.types import Registration
 from gcl_ros.pairing import Counts, Side
+from gcl_ros.streams import Limits, Stream, of_frames
+from gcl_ros.wiring import Wires
 
 OK, WARN, ERROR = range(3)  # as bytes in diagnostic_msgs/DiagnosticStatus
-HANGS = 5  # clouds on end with the same bytes: two sweeps of a LiDAR never have them
-ANOTHER_CLOCK = 3600.0  # seconds: no worker is so late, the stamps are not of the node's clock
+SLOW = 0.5  # seconds before a cloud came, that are told apart from the work on it
 
 
 @dataclass(frozen=True)
@@ -34,38 +35,6 @@ class Outcome:
 
 
 @dataclass
-class Stream:
-    """One topic of clouds.
-
-    Attributes:
-        count: clouds received.
-        heard: when the last came in, monotonic seconds.
-        frame: of the last.
-        repeats: how often the last has come on end, with other stamps.
-    """
-
-    count: int = 0
-    heard: float | None = None
-    frame: str = ''
-    repeats: int = 0
-
-
-@dataclass(frozen=True)
-class Limits:
-    """When to warn.
-
-    Attributes:
-        silence: seconds without a cloud.
-        max_age: seconds from stamp to transform.
-        max_pair_dt: seconds between the stamps of a pair.
-    """
-
-    silence: float
-    max_age: float
-    max_pair_dt: float
-
-
-@dataclass
 class Health:
     """Counts and the last outcome; filled by callbacks and worker, read by the diagnostics.
 
@@ -82,9 +51,7 @@ class Health:
     """
 
     source: str = 'source'
-    streams: dict[Side, Stream] = field(
-        default_factory=lambda: {'source': Stream(), 'target': Stream()}
-    )
+    streams: dict[Side, Stream] = field(init=False)
     accepted: int = 0
     withheld: int = 0
     left_out: int = 0
@@ -94,12 +61,25 @@ class Health:
     began: float = 0.0
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
-    def heard(self, side: Side, frame: str, now: float, *, again: bool = False) -> None:
-        """Note a cloud; `again` if it is the one before with another stamp."""
+    def __post_init__(self) -> None:
+        self.streams = {
+            'source': Stream(f'{self.source}/points', began=self.began),
+            'target': Stream('target/points', began=self.began),
+        }
+
+    def heard(
+        self,
+        side: Side,
+        frame: str,
+        stamp: float,
+        *,
+        now: float,
+        clock: float,
+        again: bool = False,
+    ) -> None:
+        """Note a cloud; see `Stream.note`."""
         with self._lock:
-            stream = self.streams[side]
-            stream.count, stream.heard, stream.frame = stream.count + 1, now, frame
-            stream.repeats = stream.repeats + 1 if again else 0
+            self.streams[side].note(frame, stamp, now=now, clock=clock, again=again)
 
     def done(self, outcome: Outcome) -> None:
         """Note a pair that was worked on."""
@@ -116,57 +96,57 @@ class Health:
             self.left_out, self.fault = self.left_out + 1, reason
             self.why['last left out'] = reason
 
-    def judge(self, now: float, limits: Limits, offset: float | None) -> tuple[int, str]:
+    def judge(
+        self,
+        now: float,
+        limits: Limits,
+        offset: float | None,
+        *,
+        wires: Mapping[Side, Wires] | None = None,
+        others: Sequence[str] = (),
+    ) -> tuple[int, str]:
         """Level and message of the diagnostics while the node is active.
 
-        ERROR: the last pair could not be worked on. WARN: a topic is silent; the stamps of the
-        topics are too far apart to pair; a topic repeats one cloud; both are in one frame; the
-        last transform was withheld, or came late.
+        ERROR: the last pair could not be worked on. WARN: anything is odd about a topic or its
+        stamps, see `Stream.warnings`; the stamps of the topics are too far apart to pair; both are
+        in one frame; the last transform was withheld, or came late.
+
+        Args:
+            now: monotonic seconds.
+            limits: when to warn.
+            offset: stamp of the source minus that of the target where nothing pairs, seconds.
+            wires: what the graph says of the topics.
+            others: warnings of the odometry.
         """
         with self._lock:
             if self.fault:
                 return ERROR, f'last pair left out: {self.fault}'
-            silent = [self._silence(side, now) for side in self.streams]
-            warnings = [
-                f'{self._topic(side)} silent for {seconds:.1f} s'
-                for side, seconds in zip(self.streams, silent, strict=True)
-                if seconds > limits.silence
-            ]
-            if not warnings and offset is not None and abs(offset) > limits.max_pair_dt:
+            warnings: list[str] = []
+            for side, stream in self.streams.items():
+                warnings += stream.warnings(now, limits, wires[side] if wires else None)
+            silent = any(s.silence(now) > limits.silence for s in self.streams.values())
+            if not silent and offset is not None and abs(offset) > limits.max_pair_dt:
                 warnings.append(
                     f'stamps {offset:+.3f} s apart (source minus target), {limits.max_pair_dt:g} '
                     'allowed: are the clocks synchronised?'
                 )
-            warnings += [
-                f'{self._topic(side)} sends one cloud again and again with new stamps: does its '
-                'driver hang?'
-                for side, stream in self.streams.items()
-                if stream.repeats >= HANGS
-            ]
-            frames = {stream.frame for stream in self.streams.values()}
-            if len(frames) == 1 and '' not in frames:
-                warnings.append(
-                    f'both clouds are in frame {frames.pop()!r}: give each LiDAR one of its own'
-                )
-            if self.last is not None and not self.last.result.accepted:
-                warnings.append(f'no transform: {self.last.result.reason}')
-            elif self.last is not None and abs(self.last.age) > ANOTHER_CLOCK:
-                warnings.append(
-                    f'stamps {self.last.age:.0f} s behind the clock of the node: '
-                    'is use_sim_time as they need it?'
-                )
-            elif self.last is not None and self.last.age > limits.max_age:
-                warnings.append(f'transform {self.last.age:.2f} s old, {limits.max_age:g} wanted')
+            warnings += [*of_frames(list(self.streams.values())), *others]
+            if self.last is not None:
+                warnings += self._of_last(self.last, limits)
             if warnings:
                 return WARN, '; '.join(warnings)
             return OK, 'registering' if self.last else 'waiting for the first pair'
 
-    def _topic(self, side: Side) -> str:
-        return f'{self.source if side == "source" else side}/points'
-
-    def _silence(self, side: Side, now: float) -> float:
-        heard = self.streams[side].heard
-        return now - (self.began if heard is None else heard)
+    def _of_last(self, last: Outcome, limits: Limits) -> list[str]:
+        """What is odd about the last pair."""
+        streams = self.streams.values()
+        if not last.result.accepted:
+            return [f'no transform: {last.result.reason}']
+        if last.age <= limits.max_age or any(s.clock(limits.max_age) for s in streams):
+            return []
+        lag = max(stream.lag for stream in streams)
+        before = f', {lag:.2f} of it before its clouds came' if lag > SLOW else ''
+        return [f'transform {last.age:.2f} s old, {limits.max_age:g} wanted{before}']
 
     def figures(self, now: float, counts: Counts) -> dict[str, str]:
         """Every figure by its key."""
@@ -175,7 +155,8 @@ class Health:
             for side, stream in self.streams.items():
                 rows[f'{side} clouds'] = stream.count
                 rows[f'{side} frame'] = stream.frame
-                rows[f'{side} silent s'] = f'{self._silence(side, now):.2f}'
+                rows[f'{side} silent s'] = f'{stream.silence(now):.2f}'
+                rows[f'{side} behind s'] = f'{stream.lag:.3f}'
                 rows[f'{side} repeats'] = stream.repeats
             rows |= {
                 'pairs': counts.pairs,

@@ -16,15 +16,18 @@ from gcl_core.errors import GclError
 from gcl_core.types import PointCloud, Registration
 from gcl_ros import health
 from gcl_ros.conversions import seconds
+from gcl_ros.deskew import Swept
 from gcl_ros.diagnostics import Report
 from gcl_ros.exchange import Exchange, Registered
 from gcl_ros.heading import Heading
 from gcl_ros.outputs import Outputs, Wanted
-from gcl_ros.pairing import Pairing, Side
+from gcl_ros.pairing import SIDES, Pairing, Side
+from gcl_ros.streams import Limits
 from gcl_ros.tracking import MotionConfig, Tracking
+from gcl_ros.wiring import wires
 
 SINGLE = 'source'  # name of the only source; its topics have no prefix
-HEAD = 1000  # bytes of a cloud
+HEAD = 1000  # bytes of a cloud that tell two sweeps apart without reading all
 
 
 class Link:
@@ -84,7 +87,14 @@ class Link:
         """Note a cloud."""
         last, self._last[side] = self._last.get(side), message
         again = last is not None and repeated(last, message)
-        self.health.heard(side, message.header.frame_id, time.monotonic(), again=again)
+        self.health.heard(
+            side,
+            message.header.frame_id,
+            seconds(message.header.stamp),
+            now=time.monotonic(),
+            clock=self._clock(),
+            again=again,
+        )
 
     def register(
         self,
@@ -102,10 +112,17 @@ class Link:
             wanted: whether results still are; None comes back if not, or after `reset`.
         """
         resets = self._resets
+        if same(source, target):
+            raise GclError(
+                f'source and target are one cloud, in frame {source.header.frame_id!r}: a vehicle '
+                'would be registered to itself; check what is published on the two topics'
+            )
         scans = {
             'source': exchange.read(source, deskew=partial(self._deskewed, 'source')),
             'target': exchange.read(target, deskew=partial(self._deskewed, 'target')),
         }
+        if self._tracking is not None:
+            self._tracking.swept = {side: scan.swept for side, scan in scans.items()}
         yaw = self._expected(max(seconds(m.header.stamp) for m in (source, target)))
         registered = exchange.register(**scans, yaw=yaw)
         self._swapped = registered.swapped
@@ -134,7 +151,7 @@ class Link:
             outputs.publish(together, source=source, target=target)
             matches = exchange.agreeing(registered) if outputs.wants_matches else None
             outputs.show(result, target=target, cloud=cloud, matches=matches)
-        age = self._node.get_clock().now().nanoseconds * 1e-9 - max(stamps.values())
+        age = self._clock() - max(stamps.values())
         dt = stamps['source'] - stamps['target']
         self.health.done(health.Outcome(result, age, dt, registered.headings))
 
@@ -160,25 +177,39 @@ class Link:
             return self.heading.at(stamp) if carried is None else carried
         return self.heading.at(stamp)
 
-    def _deskewed(self, side: Side, message: PointCloud2) -> PointCloud | None:
-        return None if self._tracking is None else self._tracking.deskewed(side, message)
+    def _clock(self) -> float:
+        return float(self._node.get_clock().now().nanoseconds) * 1e-9
 
-    def report(self, limits: health.Limits, state: str) -> Report:
+    def _deskewed(self, side: Side, message: PointCloud2) -> Swept:
+        return Swept() if self._tracking is None else self._tracking.deskewed(side, message)
+
+    def report(self, limits: Limits, state: str) -> Report:
         """For the diagnostics, while active."""
         now, about = time.monotonic(), '' if self.name == SINGLE else self.name
-        level, message = self.health.judge(now, limits, self.pairing.offset(limits.silence))
+        topics = {side: stream.topic for side, stream in self.health.streams.items()}
+        level, message = self.health.judge(
+            now,
+            limits,
+            self.pairing.offset(limits.silence),
+            wires={side: wires(self._node, topic) for side, topic in topics.items()},
+            others=self._tracking.warnings(now, limits) if self._tracking else (),
+        )
         figures = {'state': state, **self.health.figures(now, self.pairing.counts)}
         figures['clouds waiting'] = str(self.pairing.waiting)
         if self._tracking is not None:
             figures |= self._tracking.figures()
+        else:
+            figures |= dict.fromkeys(
+                map('{} de-skewed'.format, SIDES), 'no: motion.odometry is off'
+            )
         return Report(level, message, figures, about)
 
 
 def repeated(last: PointCloud2, message: PointCloud2) -> bool:
     """Whether a cloud has the bytes of the one before, and another stamp."""
-    a, b = last.data, message.data
-    return (
-        seconds(last.header.stamp) != seconds(message.header.stamp)
-        and np.array_equal(a[:HEAD], b[:HEAD])  # tells two sweeps apart without reading all
-        and np.array_equal(a, b)
-    )
+    return seconds(last.header.stamp) != seconds(message.header.stamp) and same(last, message)
+
+
+def same(a: PointCloud2, b: PointCloud2) -> bool:
+    """Whether two clouds have the same bytes."""
+    return np.array_equal(a.data[:HEAD], b.data[:HEAD]) and np.array_equal(a.data, b.data)

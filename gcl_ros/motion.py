@@ -4,82 +4,29 @@ If M_v is the motion of vehicle v's LiDAR from time 0 to time 1, expressed in it
 then T_target_source(1) = M_target^-1 @ T_target_source(0) @ M_source.
 Errors are six numbers: a shift of the translation, then a small turn from the left, both about
 the target's axes; covariances likewise.
+
+Odometry goes wrong by a share of the way: its scale and its heading are off by an amount that
+stays, so that the deviation grows with the way driven since the last registration, not with its
+root, and however many steps the way came in. A random walk would be rate independent too, but
+odometry is judged, and wrong, in metres a metre.
 """
 
 from __future__ import annotations
 
-from bisect import bisect_left
-from collections.abc import Sequence
+from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial.transform import Rotation, Slerp
+from scipy.spatial.transform import Rotation
 
 from gcl_core import se3
-from gcl_ros.limits import MAX_POSES
-from gcl_ros.pairing import JUMP
+from gcl_ros.odometry import STILL, Motion, Odometry, Pose
 
-MAX_GAP = 0.5  # seconds between two poses that are interpolated
-KEPT = 30.0  # seconds of odometry
 GATE = 22.46  # 99.9 % of chi-squared with 6 degrees of freedom
+LATELY = 10  # registrations of which it is remembered whether they agreed
 
-Pose = Float[np.ndarray, '4 4']
 Covariance = Float[np.ndarray, '6 6']
-
-
-class Odometry:
-    """The latest poses of one LiDAR in its odometry frame.
-
-    Args:
-        mount: T_base_lidar, where odometry is of the vehicle's base.
-    """
-
-    def __init__(self, mount: Pose | None = None) -> None:
-        self._mount = np.eye(4) if mount is None else mount
-        self._stamps: list[float] = []
-        self._poses: list[Pose] = []
-
-    def add(self, stamp: float, T_odom_base: Pose) -> None:
-        """Take a pose; a jump back in time forgets the others, disorder is left out."""
-        if self._stamps and stamp < self._stamps[-1] - JUMP:
-            self._stamps, self._poses = [], []
-        if self._stamps and stamp <= self._stamps[-1]:
-            return
-        self._stamps.append(stamp)
-        self._poses.append(T_odom_base @ self._mount)
-        while self._stamps[0] < stamp - KEPT or len(self._stamps) > MAX_POSES:
-            del self._stamps[0], self._poses[0]
-
-    @property
-    def newest(self) -> float | None:
-        """Stamp of the last pose; None without any."""
-        return self._stamps[-1] if self._stamps else None
-
-    def at(self, stamp: float) -> Pose | None:
-        """T_odom_lidar, interpolated; None outside what is known and in gaps of it."""
-        after = bisect_left(self._stamps, stamp)
-        if after < len(self._stamps) and self._stamps[after] == stamp:
-            return self._poses[after]
-        if not 0 < after < len(self._stamps):
-            return None
-        ends = self._stamps[after - 1 : after + 1]
-        if ends[1] - ends[0] > MAX_GAP:
-            return None
-        return interpolated(stamp, ends, self._poses[after - 1 : after + 1])
-
-    def moved(self, start: float, end: float) -> Pose | None:
-        """Pose at `end` in the frame at `start`; None where either is not known."""
-        before, after = self.at(start), self.at(end)
-        return None if before is None or after is None else se3.inverse(before) @ after
-
-
-def interpolated(stamp: float, ends: Sequence[float], poses: Sequence[Pose]) -> Pose:
-    """Pose at a time between those of two, seconds."""
-    share = (stamp - ends[0]) / (ends[1] - ends[0])
-    turns = Rotation.from_matrix(np.stack([pose[:3, :3] for pose in poses]))
-    where = (1 - share) * poses[0][:3, 3] + share * poses[1][:3, 3]
-    return se3.from_rotation_translation(Slerp(ends, turns)(stamp).as_matrix(), where)
 
 
 @dataclass(frozen=True)
@@ -113,60 +60,88 @@ class Drift:
 
 
 def carried(
-    relative: Relative, stamp: float, *, source: Pose, target: Pose, drift: Drift
+    relative: Relative, stamp: float, *, source: Motion, target: Motion, drift: Drift
 ) -> Relative:
     """The relative pose at another time.
 
     Args:
-        relative: at its own time.
+        relative: at its own time, its covariance that of a registration: what it was carried
+            before counts as independent of the way from there.
         stamp: the other time, seconds.
-        source: motion of the source's LiDAR in between, in its frame at the first time.
+        source: motion of the source's LiDAR in between.
         target: likewise.
         drift: of both odometries.
     """
-    back = se3.inverse(target)
-    T = back @ relative.T_target_source @ source
+    back = se3.inverse(target.T)
+    T = back @ relative.T_target_source @ source.T
     turn = np.kron(np.eye(2), back[:3, :3])
     # Turning the target turns the errors; the lever of the source's motion adds to the shift.
-    lever = relative.T_target_source[:3, :3] @ source[:3, 3]
+    lever = relative.T_target_source[:3, :3] @ source.T[:3, 3]
     jacobian = turn @ np.block([[np.eye(3), -_cross(lever)], [np.zeros((3, 3)), np.eye(3)]])
     covariance = jacobian @ relative.covariance @ jacobian.T
     passed = abs(stamp - relative.stamp)
-    for driven in (np.linalg.norm(source[:3, 3]), np.linalg.norm(target[:3, 3])):
-        shift = drift.distance * driven + drift.still * passed
+    for driven in (source.driven, target.driven):
+        shift = drift.distance * abs(driven) + drift.still * passed
         covariance = covariance + np.diag([shift**2] * 3 + [(drift.turn * driven) ** 2] * 3)
     # The target's own wrong turn swings everything that is far away.
-    swing = drift.turn * float(np.linalg.norm(target[:3, 3]))
-    far = _cross(T[:3, 3])
-    covariance[:3, :3] += swing**2 * far @ far.T
+    far = drift.turn * target.driven * _cross(T[:3, 3])
+    covariance[:3, :3] += far @ far.T
     return Relative(stamp, T, covariance)
+
+
+def blurred(
+    T: Pose,
+    covariance: Covariance,
+    *,
+    source: Float[np.ndarray, '6'],
+    target: Float[np.ndarray, '6'],
+) -> Covariance:
+    """Covariance of a registration of scans in which motion was left.
+
+    Args:
+        T: T_target_source.
+        covariance: as if nothing had moved.
+        source: what the source moved during its scan, metres along, radians about its own axes: a
+            standard deviation, in that direction.
+        target: likewise.
+    """
+    turn = np.kron(np.eye(2), T[:3, :3])
+    lever = np.block([[np.eye(3), -_cross(T[:3, 3])], [np.zeros((3, 3)), np.eye(3)]])
+    for moved in (turn @ source, lever @ target):
+        covariance = covariance + np.outer(moved, moved)
+    return covariance
 
 
 class RelativeFilter:
     """Smooths registrations: each is weighed by its covariance against what odometry expects.
 
-    A registration that contradicts the estimate is left out; a second one in a row that agrees
-    with the first replaces the estimate.
+    The estimate is carried from the last registration that agreed in one piece, so that its
+    deviation is that of the whole way since. A registration that contradicts it is left out; a
+    second one in a row that agrees with the first replaces it.
     """
 
     def __init__(self, drift: Drift | None = None) -> None:
         self.drift = drift or Drift()
-        self.estimate: Relative | None = None
-        self.confirmed: float | None = None  # stamp of the last registration that agreed
-        self.contradicted = 0
-        self._suspect: Relative | None = None
+        self.reset()
 
     def reset(self) -> None:
         """Forget everything."""
-        self.estimate = self._suspect = self.confirmed = None
+        self.estimate: Relative | None = None
+        self.confirmed: float | None = None  # stamp of the last registration that agreed
         self.contradicted = 0
+        self.agreed: deque[bool] = deque(maxlen=LATELY)  # whether the last ones did
+        self._anchor: Relative | None = None  # the estimate when it took a registration in
+        self._since = STILL, STILL  # motions of source and target from there to the estimate
+        self._suspect: Relative | None = None
 
     def carry(self, stamp: float, *, source: Odometry, target: Odometry) -> bool:
         """Bring the estimate to another time; false, and nothing done, without odometry there."""
-        moved = self._moved(self.estimate, stamp, source, target)
-        if moved is None:
+        if self.estimate is None:
             return False
-        self.estimate = moved
+        since = self._since_anchor(stamp, source, target)
+        if since is None:
+            return False
+        self._since, self.estimate = since, self._carried(self._anchor, stamp, since)
         return True
 
     def update(self, measured: Relative, *, source: Odometry, target: Odometry) -> bool:
@@ -175,42 +150,72 @@ class RelativeFilter:
             return self._begin(measured)
         if measured.stamp > self.estimate.stamp:
             self.carry(measured.stamp, source=source, target=target)
-        now = self._moved(measured, self.estimate.stamp, source, target)
-        if now is None:  # no odometry for the time in between
+        stamp, latest = max(measured.stamp, self._anchor.stamp), self.estimate.stamp
+        since = self._since_anchor(stamp, source, target)
+        now = self._moved(measured, stamp, source, target)
+        if now is None or since is None:  # no odometry for the time in between
             return self._begin(measured)
-        error = difference(now.T_target_source, self.estimate.T_target_source)
-        P, R = self.estimate.covariance, now.covariance
-        if error @ np.linalg.solve(P + R, error) <= GATE:
+        expected = self._carried(self._anchor, stamp, since)
+        error = difference(now.T_target_source, expected.T_target_source)
+        P, R = expected.covariance, now.covariance
+        agrees = bool(error @ np.linalg.solve(P + R, error) <= GATE)
+        self.agreed.append(agrees)
+        if agrees:
             gain = np.linalg.solve(P + R, P).T
-            T = shifted(self.estimate.T_target_source, gain @ error)
+            T = shifted(expected.T_target_source, gain @ error)
             keep = np.eye(6) - gain
             fused = keep @ P @ keep.T + gain @ R @ gain.T
-            self.estimate = Relative(now.stamp, T, fused)
-            self.confirmed, self._suspect = measured.stamp, None
-            return True
-        self.contradicted += 1
-        again = self._moved(self._suspect, now.stamp, source, target)
-        self._suspect = measured
-        if again is not None:
+            self._begin(Relative(stamp, T, fused), measured.stamp)
+        else:
+            self.contradicted += 1
+            again = self._moved(self._suspect, stamp, source, target)
+            self._suspect = measured
+            if again is None:
+                return False
             apart = difference(now.T_target_source, again.T_target_source)
-            if apart @ np.linalg.solve(again.covariance + R, apart) <= GATE:
-                return self._begin(now, measured.stamp)
-        return False
+            if apart @ np.linalg.solve(again.covariance + R, apart) > GATE:
+                return False
+            self._begin(now, measured.stamp)
+        if latest > stamp:
+            self.carry(latest, source=source, target=target)
+        return True
 
     def _begin(self, relative: Relative, confirmed: float | None = None) -> bool:
-        self.estimate, self._suspect = relative, None
+        self.estimate = self._anchor = relative
+        self._since, self._suspect = (STILL, STILL), None
         self.confirmed = relative.stamp if confirmed is None else confirmed
         return True
+
+    def _since_anchor(
+        self, stamp: float, source: Odometry, target: Odometry
+    ) -> tuple[Motion, Motion] | None:
+        """Motions of both from the anchor to a time; step by step, for odometry forgets."""
+        steps = _motions(self.estimate.stamp, stamp, source, target)
+        if steps is None:
+            return None
+        return self._since[0].then(steps[0]), self._since[1].then(steps[1])
 
     def _moved(
         self, relative: Relative | None, stamp: float, source: Odometry, target: Odometry
     ) -> Relative | None:
-        if relative is None or relative.stamp == stamp:
-            return relative
-        motions = [vehicle.moved(relative.stamp, stamp) for vehicle in (source, target)]
-        if motions[0] is None or motions[1] is None:
-            return None
-        return carried(relative, stamp, source=motions[0], target=motions[1], drift=self.drift)
+        motions = relative and _motions(relative.stamp, stamp, source, target)
+        return self._carried(relative, stamp, motions) if motions else None
+
+    def _carried(
+        self, relative: Relative, stamp: float, motions: tuple[Motion, Motion]
+    ) -> Relative:
+        source, target = motions
+        return carried(relative, stamp, source=source, target=target, drift=self.drift)
+
+
+def _motions(
+    start: float, end: float, source: Odometry, target: Odometry
+) -> tuple[Motion, Motion] | None:
+    """Of both vehicles between two times; None where odometry does not know."""
+    if start == end:
+        return STILL, STILL
+    first, second = source.moved(start, end), target.moved(start, end)
+    return None if first is None or second is None else (first, second)
 
 
 def difference(T: Pose, other: Pose) -> Float[np.ndarray, '6']:

@@ -8,6 +8,7 @@ RANGES: dict[str, tuple[float, float]] = {
     'silence': (0.1, 3600.0),
     'max_age': (0.01, 3600.0),
     'max_rate': (0.01, 1000.0),
+    'sweep': (0.0, 1.0),
     'max_coast': (0.01, 3600.0),
     'distance': (0.0, 1.0),
     'turn': (0.0, 1.0),

@@ -36,8 +36,10 @@ from gcl_ros.link import SINGLE, Link
 from gcl_ros.outputs import Wanted
 from gcl_ros.pairing import Side
 from gcl_ros.pairings import Pairings
+from gcl_ros.streams import Limits
 from gcl_ros.tracking import MotionConfig
 from gcl_ros.wire import subscribe
+from gcl_ros.wiring import check_distinct
 from gcl_ros.worker import Worker
 
 # Name of the source, its cloud, the target's; one of them is None while it is still awaited.
@@ -120,7 +122,13 @@ class RegistrarNode(ConfiguredNode[NodeConfig]):
         self._diagnostics = Diagnostics(self, self._report, self.steady)
 
     def build(self, config: NodeConfig) -> None:
-        """Load the network and create the publishers."""
+        """Load the network and create the publishers.
+
+        Raises:
+            GclError: two inputs are one topic, or the network cannot be loaded.
+        """
+        for kind in ('points', 'odometry') if config.motion.odometry else ('points',):
+            check_distinct(self, [f'{name}/{kind}' for name in (*config.sources, 'target')])
         self._exchange = Exchange(Registrar(config.registrar))
         wanted = Wanted(config.publish_tf, config.publish_aligned, config.publish_matches)
         for name in config.sources:
@@ -264,7 +272,7 @@ class RegistrarNode(ConfiguredNode[NodeConfig]):
             return [Report(health.ERROR, f'{self.state}: {self.problem}', state)]
         if self._pairings is None or config is None:
             return [Report(health.WARN, f'{self.state}, not active', state)]
-        bounds = health.Limits(config.silence, config.max_age, config.max_pair_dt)
+        bounds = Limits(config.silence, config.max_age, config.max_pair_dt, config.reliable)
         return [link.report(bounds, self.state) for link in self._links.values()]
 
 

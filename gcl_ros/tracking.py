@@ -8,6 +8,7 @@ Publishes: `~/track` (geometry_msgs/PoseWithCovarianceStamped), until no registr
 from __future__ import annotations
 
 import threading
+import time
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
@@ -20,12 +21,17 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from gcl_core import se3
 from gcl_core.errors import GclError
-from gcl_core.types import PointCloud, Registration
+from gcl_core.types import Registration
 from gcl_ros.conversions import fill_pose, pose_matrix, seconds
-from gcl_ros.deskew import deskewed
-from gcl_ros.motion import Drift, Odometry, Relative, RelativeFilter, carried
-from gcl_ros.pairing import JUMP, Side
+from gcl_ros.deskew import SWEEP, Swept, deskewed
+from gcl_ros.motion import LATELY, Drift, Relative, RelativeFilter, blurred, carried
+from gcl_ros.odometry import STILL, Odometry
+from gcl_ros.pairing import JUMP, SIDES, Side
+from gcl_ros.streams import Limits, Stream
 from gcl_ros.wire import subscribe
+from gcl_ros.wiring import wires
+
+DISAGREE = 3  # registrations of the last ones that contradict odometry, before that is said
 
 Mount = tuple[float, float, float, float, float, float]
 
@@ -40,6 +46,8 @@ class MotionConfig:
         source_mount: pose of the source's LiDAR in the frame that its odometry moves: x, y, z in
             metres, roll, pitch, yaw in radians; the same of every source.
         target_mount: likewise of the target's.
+        sweep: seconds of a scan whose points do not tell their times; what a vehicle drives in it
+            is part of the deviation. 0: scans come de-skewed, and nothing is undone.
         max_coast: seconds that `~/track` goes on without a registration that agrees with it.
         drift: how fast odometry goes wrong.
     """
@@ -47,6 +55,7 @@ class MotionConfig:
     odometry: bool = False
     source_mount: Mount = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     target_mount: Mount = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    sweep: float = SWEEP
     max_coast: float = 5.0
     drift: Drift = field(default_factory=Drift)
 
@@ -73,18 +82,23 @@ class Tracking:
             'source': Odometry(se3.from_xyz_rpy(*config.source_mount)),
             'target': Odometry(se3.from_xyz_rpy(*config.target_mount)),
         }
+        names: dict[Side, str] = {'source': source, 'target': 'target'}
+        self._streams: dict[Side, Stream] = {
+            side: Stream(f'{name}/odometry', 'nav_msgs/msg/Odometry', began=time.monotonic())
+            for side, name in names.items()
+        }
+        self.swept: dict[Side, Swept] = {}  # of the pair at work, or of the last
         self._refused: dict[Side, str] = {}
         self._frame = ''
         self._publisher = node.create_publisher(PoseWithCovarianceStamped, f'{prefix}track', 10)
         qos = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
-        names: dict[Side, str] = {'source': source, 'target': 'target'}
-        self._inputs = [self._subscribe(side, name, qos) for side, name in names.items()]
+        self._inputs = [self._subscribe(side, qos) for side in names]
 
-    def _subscribe(self, side: Side, name: str, qos: QoSProfile) -> Any:
+    def _subscribe(self, side: Side, qos: QoSProfile) -> Any:
         return subscribe(
             self._node,
             OdometryMessage,
-            f'{name}/odometry',
+            self._streams[side].topic,
             partial(self._moved, side),
             partial(self._refuse, side),
             qos,
@@ -96,14 +110,18 @@ class Tracking:
 
     def _moved(self, side: Side, message: OdometryMessage) -> None:
         """Take a pose of one vehicle; publish as far as both are known."""
+        header, clock = message.header, self._node.get_clock().now().nanoseconds * 1e-9
+        frames = f'{header.frame_id} to {message.child_frame_id}'
         try:
             T = pose_matrix(message.pose.pose)
         except GclError as error:
             self._refuse(side, str(error))
             return
+        stamp = seconds(header.stamp)
         with self._lock:
             self._refused.pop(side, None)
-            self._odometry[side].add(seconds(message.header.stamp), T)
+            self._streams[side].note(frames, stamp, now=time.monotonic(), clock=clock)
+            self._odometry[side].add(stamp, T)
             newest = [odometry.newest for odometry in self._odometry.values()]
             estimate = self._filter.estimate
             if estimate is None or None in newest:
@@ -131,6 +149,8 @@ class Tracking:
     ) -> Registration:
         """Bring an accepted registration to the later of the two stamps, and take it in.
 
+        Its covariance grows by what the vehicles drove during scans that are not de-skewed.
+
         Args:
             result: with a transform.
             frame: of the target's cloud.
@@ -139,17 +159,20 @@ class Tracking:
         """
         if result.T_target_source is None or result.covariance is None:
             return result
+        left = {side: self.swept.get(side, Swept()).left for side in SIDES}
+        covariance = blurred(result.T_target_source, result.covariance, **left)
+        result = replace(result, covariance=covariance)
         stamp = max(source, target)
         with self._lock:
             own = self._odometry
-            motions = {'source': np.eye(4), 'target': np.eye(4)}
+            motions = {'source': STILL, 'target': STILL}
             if source != target:
                 early: Side = 'source' if source < target else 'target'
                 moved = own[early].moved(min(source, target), stamp)
                 if moved is None:  # odometry is late or missing: as without it
                     return result
                 motions[early] = moved
-            first = Relative(min(source, target), result.T_target_source, result.covariance)
+            first = Relative(min(source, target), result.T_target_source, covariance)
             together = carried(first, stamp, **motions, drift=self._config.drift)
             self._frame = frame
             self._filter.update(together, **own)
@@ -165,15 +188,42 @@ class Tracking:
                 return None
             return se3.yaw(estimate.T_target_source)
 
-    def deskewed(self, side: Side, message: Any) -> PointCloud | None:
-        """Undo the vehicle's motion during a scan; None where that cannot be done."""
+    def deskewed(self, side: Side, message: Any) -> Swept:
+        """Undo the vehicle's motion during a scan, as far as that can be done."""
         with self._lock:
-            return deskewed(message, self._odometry[side])
+            return deskewed(message, self._odometry[side], self._config.sweep)
 
     def reset(self) -> None:
-        """Forget the estimate."""
+        """Forget the estimate, and what there was to say."""
         with self._lock:
             self._filter.reset()
+
+    def warnings(self, now: float, limits: Limits) -> list[str]:
+        """Why odometry that is asked for is not used, or not to be trusted.
+
+        Args:
+            now: monotonic seconds.
+            limits: when to warn.
+        """
+        limits = replace(limits, reliable=False)  # odometry is subscribed to best effort
+        graph = {side: wires(self._node, s.topic) for side, s in self._streams.items()}
+        with self._lock:
+            found = [
+                f'{self._streams[side].topic} refused: {r}' for side, r in self._refused.items()
+            ]
+            for side, stream in self._streams.items():
+                found += stream.warnings(now, limits, graph[side])
+            for side, swept in self.swept.items():
+                if swept.why:
+                    name = self._streams[side].topic.removesuffix('/odometry')
+                    found.append(f'scans of {name} are not de-skewed: {swept.why}')
+            wrong = list(self._filter.agreed).count(False)
+        if wrong >= DISAGREE:
+            found.append(
+                f'{wrong} of the last {LATELY} registrations contradict the odometry: is it of '
+                'these vehicles, and are motion.source_mount and motion.target_mount right?'
+            )
+        return found
 
     def figures(self) -> dict[str, str]:
         """For the diagnostics."""
@@ -184,6 +234,7 @@ class Tracking:
                 rows[f'{side} odometry'] = 'none' if odometry.newest is None else 'received'
                 if side in self._refused:
                     rows[f'{side} odometry'] = f'refused: {self._refused[side]}'
+                rows[f'{side} de-skewed'] = _told(self.swept.get(side), self._config.sweep)
             if estimate is not None:
                 deviation = float(np.sqrt(np.trace(estimate.covariance[:3, :3])))
                 rows['track coasting s'] = f'{estimate.stamp - self._filter.confirmed:.2f}'
@@ -195,3 +246,14 @@ class Tracking:
         for subscription in self._inputs:
             self._node.destroy_subscription(subscription)
         self._node.destroy_publisher(self._publisher)
+
+
+def _told(swept: Swept | None, sweep: float) -> str:
+    """Whether scans are de-skewed, for the diagnostics."""
+    if sweep == 0:
+        return 'no: motion.sweep is 0, they come so'
+    if swept is None:
+        return 'no scan yet'
+    if swept.why:
+        return f'no: {swept.why}'
+    return f'yes, but {swept.timeless} points have no time' if swept.timeless else 'yes'

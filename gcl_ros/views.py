@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import torch
@@ -12,6 +12,7 @@ from jaxtyping import Float
 from gcl_core import se3
 from gcl_core.registrar import Registrar, View, undescribed
 from gcl_core.types import PointCloud
+from gcl_ros.deskew import Swept
 from gcl_ros.feature_cloud import Described
 from gcl_ros.recent import Recent
 
@@ -27,11 +28,13 @@ class Scan:
         cloud: its points, or its key points.
         T_view_lidar: turns it to its street.
         described: features if it came described.
+        swept: what became of the motion while it was seen.
     """
 
     cloud: PointCloud
     T_view_lidar: Float[np.ndarray, '4 4']
     described: Described | None = None
+    swept: Swept = field(default_factory=Swept)
 
     @property
     def headings(self) -> int:

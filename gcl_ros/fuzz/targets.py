@@ -28,7 +28,7 @@ from gcl_ros.conversions import point_cloud, pose_matrix
 from gcl_ros.deskew import deskewed
 from gcl_ros.feature_cloud import feature_cloud, is_feature_cloud
 from gcl_ros.fuzz import seeds
-from gcl_ros.motion import Odometry
+from gcl_ros.odometry import Odometry
 
 Read = Callable[[bytes, Path], object]  # an input, and a folder that is the reader's own
 

@@ -21,7 +21,8 @@ T_BASE_RIG = se3.from_xyz_rpy(0.5, yaw=-0.2)
 
 def base(seconds):
     """Pose of the vehicle: 5 m/s along a gentle curve."""
-    return se3.from_xyz_rpy(x=5 * seconds, y=0.1 * seconds, yaw=0.1 * seconds)
+    turn = 0.1 * seconds
+    return se3.from_xyz_rpy(x=50 * np.sin(turn), y=50 - 50 * np.cos(turn), yaw=turn)
 
 
 def header(stamp, frame):

@@ -13,8 +13,8 @@ from gcl_core.errors import GclError
 from gcl_ros import limits
 from gcl_ros.conversions import fill_point_cloud2, pose_matrix
 from gcl_ros.limits import check_limits
-from gcl_ros.motion import KEPT
-from gcl_ros.motion import Odometry as Poses
+from gcl_ros.odometry import KEPT
+from gcl_ros.odometry import Odometry as Poses
 from gcl_ros.registrar_node import RegistrarNode
 
 

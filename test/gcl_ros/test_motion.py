@@ -7,13 +7,13 @@ from gcl_core import se3
 from gcl_ros.motion import (
     GATE,
     Drift,
-    Odometry,
     Relative,
     RelativeFilter,
     carried,
     difference,
     shifted,
 )
+from gcl_ros.odometry import STILL, Odometry
 
 NONE = Drift(0.0, 0.0, 0.0)
 SMALL = np.diag([0.1**2] * 3 + [0.01**2] * 3)
@@ -44,9 +44,10 @@ def test_odometry_interpolates_and_knows_its_limits():
     odometry = Odometry(mount=se3.from_xyz_rpy(z=1.8))
     assert odometry.newest is None
     assert odometry.at(0.0) is None
+    arc = lambda i: se3.from_xyz_rpy(x=5 * np.sin(0.2 * i), y=5 - 5 * np.cos(0.2 * i), yaw=0.2 * i)  # noqa: E731
     for i in range(3):
-        odometry.add(1.0 + 0.1 * i, se3.from_xyz_rpy(x=i, yaw=0.2 * i))
-    np.testing.assert_allclose(odometry.at(1.05), se3.from_xyz_rpy(x=0.5, z=1.8, yaw=0.1))
+        odometry.add(1.0 + 0.1 * i, arc(i))
+    np.testing.assert_allclose(odometry.at(1.05), arc(0.5) @ se3.from_xyz_rpy(z=1.8), atol=1e-12)
     assert odometry.at(0.9) is None
     assert odometry.at(1.3) is None
     odometry.add(2.0, np.eye(4))
@@ -116,6 +117,74 @@ def test_one_wrong_registration_is_left_out_and_two_that_agree_replace():
     assert track.update(Relative(3.5, elsewhere(3.5), SMALL), **made)
     assert track.carry(3.5, **made)
     np.testing.assert_allclose(track.estimate.T_target_source, elsewhere(3.5), atol=0.5)
+
+
+def driven(rate, *, noise=0.0, way=10.0, seconds=1.0):
+    """A track whose source drives while the target stands, after as many steps as odometry has."""
+    made, rng = {'source': Odometry(), 'target': Odometry()}, np.random.default_rng(0)
+    track = RelativeFilter(Drift(distance=0.02, turn=0.002, still=0.01))
+    T = se3.from_xyz_rpy(x=20.0, yaw=np.pi)
+    for step in range(rate + 1):
+        shake = rng.normal(size=3) * noise
+        there = se3.from_xyz_rpy(way * step / rate + shake[0], *shake[1:], yaw=0.5 * step / rate)
+        made['source'].add(seconds * step / rate, there)
+        made['target'].add(seconds * step / rate, np.eye(4))
+        if step == 0:
+            track.update(Relative(0.0, T, SMALL), **made)
+        else:
+            assert track.carry(seconds * step / rate, **made)
+    return track, made
+
+
+@pytest.mark.parametrize('rate', [2, 10, 100, 1000])
+@pytest.mark.parametrize('noise', [0.0, 0.005])
+def test_the_stated_deviation_is_that_of_the_way_whatever_the_rate(rate, noise):
+    covariance = driven(rate, noise=noise)[0].estimate.covariance
+    added = np.hypot(0.02 * 10 + 0.01, 0.01)  # the source drove, both may have slid
+    lever = 10 * 0.01  # of the registration's own turn, which leads the way aside
+    assert np.sqrt(covariance[0, 0]) == pytest.approx(np.hypot(0.1, added), rel=0.03)
+    assert np.sqrt(covariance[2, 2]) == pytest.approx(
+        np.hypot(np.hypot(0.1, lever), added), rel=0.03
+    )
+    assert np.sqrt(covariance[5, 5]) == pytest.approx(np.hypot(0.01, 0.02), rel=0.03)
+
+
+@pytest.mark.parametrize('rate', [1, 10, 100])
+def test_the_gate_does_not_ask_for_the_rate_either(rate):
+    """What lies 1 m beside the way driven is within its deviation; 4 m beside it is not."""
+    for beside, agrees in ((1.0, True), (4.0, False)):
+        track, made = driven(rate)
+        seen = shifted(track.estimate.T_target_source, np.array([0, 0, beside, 0, 0, 0]))
+        assert track.update(Relative(1.0, seen, SMALL), **made) == agrees
+
+
+def test_the_way_is_the_same_in_one_piece_or_in_many():
+    odometry = odometries(2.0)['target']
+    parts = [odometry.moved(0.1 * i, 0.1 * (i + 1)) for i in range(20)]
+    whole = odometry.moved(0.0, 2.0)
+    together = STILL
+    for part in parts:
+        together = together.then(part)
+    np.testing.assert_allclose(together.T, whole.T, atol=1e-9)
+    assert together.driven == pytest.approx(whole.driven)
+    assert odometry.moved(2.0, 0.0).driven == pytest.approx(-whole.driven)
+    length = np.hypot(10, 2 * np.cos(np.linspace(0, 2, 1001))).mean() * 2  # of the curve
+    assert whole.driven == pytest.approx(length, rel=0.01)
+
+
+def test_a_registration_between_two_steps_of_odometry_is_taken_in_at_its_own_time():
+    """The track is the same whether a registration comes at once or 0.3 s late."""
+    made, tracks = odometries(3.0), []
+    for late in (0.0, 0.3):
+        track = RelativeFilter()
+        track.update(Relative(0.5, truth(0.5), SMALL), **made)
+        track.carry(1.5 + late, **made)
+        beside = shifted(truth(1.5), np.array([0.1, 0.1, 0, 0, 0, 0.01]))
+        assert track.update(Relative(1.5, beside, SMALL), **made)
+        assert track.carry(2.5, **made)
+        tracks.append(track.estimate)
+    np.testing.assert_allclose(tracks[0].T_target_source, tracks[1].T_target_source, atol=1e-9)
+    np.testing.assert_allclose(tracks[0].covariance, tracks[1].covariance, atol=1e-9)
 
 
 def test_reset_forgets_and_missing_odometry_does_not_carry():
