@@ -17,7 +17,7 @@ from gcl_ros.conversions import column, finite, name_of, seconds
 
 TIMES = ('t', 'time', 'timestamp', 'time_stamp', 'offset_time')
 UNITS = (1.0, 1e-3, 1e-6, 1e-9)  # seconds, each a thousand times the next
-SHORTEST, LONGEST = 1e-3, 1.0  # seconds of a sweep: a thousand times too, so that one unit fits
+SHORTEST, LONGEST = 5e-3, 1.0  # seconds of a sweep: at most one unit fits
 WILD = 5.0  # sweeps from the middle: what lies beyond is no time
 
 

@@ -82,23 +82,28 @@ class Tracking:
             'source': Odometry(se3.from_xyz_rpy(*config.source_mount)),
             'target': Odometry(se3.from_xyz_rpy(*config.target_mount)),
         }
-        names: dict[Side, str] = {'source': source, 'target': 'target'}
-        self._streams: dict[Side, Stream] = {
-            side: Stream(f'{name}/odometry', 'nav_msgs/msg/Odometry', began=time.monotonic())
-            for side, name in names.items()
+        self._topics: dict[Side, str] = {
+            'source': f'{source}/odometry',
+            'target': 'target/odometry',
         }
+        self._streams = self._listening()
         self.swept: dict[Side, Swept] = {}  # of the pair at work, or of the last
         self._refused: dict[Side, str] = {}
         self._frame = ''
         self._publisher = node.create_publisher(PoseWithCovarianceStamped, f'{prefix}track', 10)
         qos = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
-        self._inputs = [self._subscribe(side, qos) for side in names]
+        self._inputs = [self._subscribe(side, qos) for side in SIDES]
+
+    def _listening(self) -> dict[Side, Stream]:
+        began = time.monotonic()
+        kind = 'nav_msgs/msg/Odometry'
+        return {side: Stream(topic, kind, began=began) for side, topic in self._topics.items()}
 
     def _subscribe(self, side: Side, qos: QoSProfile) -> Any:
         return subscribe(
             self._node,
             OdometryMessage,
-            self._streams[side].topic,
+            self._topics[side],
             partial(self._moved, side),
             partial(self._refuse, side),
             qos,
@@ -197,6 +202,7 @@ class Tracking:
         """Forget the estimate, and what there was to say."""
         with self._lock:
             self._filter.reset()
+            self._streams, self.swept = self._listening(), {}
 
     def warnings(self, now: float, limits: Limits) -> list[str]:
         """Why odometry that is asked for is not used, or not to be trusted.
@@ -206,16 +212,14 @@ class Tracking:
             limits: when to warn.
         """
         limits = replace(limits, reliable=False)  # odometry is subscribed to best effort
-        graph = {side: wires(self._node, s.topic) for side, s in self._streams.items()}
+        graph = {side: wires(self._node, topic) for side, topic in self._topics.items()}
         with self._lock:
-            found = [
-                f'{self._streams[side].topic} refused: {r}' for side, r in self._refused.items()
-            ]
+            found = [f'{self._topics[side]} refused: {r}' for side, r in self._refused.items()]
             for side, stream in self._streams.items():
                 found += stream.warnings(now, limits, graph[side])
             for side, swept in self.swept.items():
                 if swept.why:
-                    name = self._streams[side].topic.removesuffix('/odometry')
+                    name = self._topics[side].removesuffix('/odometry')
                     found.append(f'scans of {name} are not de-skewed: {swept.why}')
             wrong = list(self._filter.agreed).count(False)
         if wrong >= DISAGREE:

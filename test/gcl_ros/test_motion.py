@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from gcl_core import se3
 from gcl_ros.motion import (
@@ -9,6 +10,7 @@ from gcl_ros.motion import (
     Drift,
     Relative,
     RelativeFilter,
+    blurred,
     carried,
     difference,
     shifted,
@@ -185,6 +187,20 @@ def test_a_registration_between_two_steps_of_odometry_is_taken_in_at_its_own_tim
         tracks.append(track.estimate)
     np.testing.assert_allclose(tracks[0].T_target_source, tracks[1].T_target_source, atol=1e-9)
     np.testing.assert_allclose(tracks[0].covariance, tracks[1].covariance, atol=1e-9)
+
+
+@pytest.mark.parametrize('side', ['source', 'target'])
+def test_motion_that_is_left_in_a_scan_is_one_deviation_in_its_direction(side):
+    """A scan that is as if seen from a bit further on shifts the registration by that."""
+    T = se3.from_xyz_rpy(x=30.0, y=-4.0, yaw=2.0)
+    left = np.array([0.02, 0.001, 0.0, 0.0, 0.0, 0.0015])  # small, so that it is linear
+    moved = se3.from_rotation_translation(Rotation.from_rotvec(left[3:]).as_matrix(), left[:3])
+    seen = T @ moved if side == 'source' else se3.inverse(moved) @ T
+    error = difference(seen, T)
+    motions = {'source': np.zeros(6), 'target': np.zeros(6)} | {side: left}
+    grown = blurred(T, SMALL, **motions) - SMALL
+    np.testing.assert_allclose(grown, np.outer(error, error), atol=1e-5)
+    assert np.sqrt(error @ np.linalg.pinv(grown) @ error) == pytest.approx(1.0, abs=0.01)
 
 
 def test_reset_forgets_and_missing_odometry_does_not_carry():

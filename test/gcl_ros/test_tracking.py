@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped
 from nav_msgs.msg import Odometry
+from sensor_msgs.msg import PointCloud2, PointField
 
 from gcl_core import se3
 from gcl_core.evaluation import metrics
 from gcl_core.types import Registration
-from gcl_ros.conversions import fill_pose, matrix, pose_matrix, seconds
+from gcl_ros.conversions import fill_point_cloud2, fill_pose, matrix, pose_matrix, seconds
 from gcl_ros.registrar_node import RegistrarNode
 from gcl_ros.tracking import MotionConfig, Tracking
 
@@ -104,4 +105,31 @@ def test_the_track_tells_the_heading_to_look_at(rig):
     assert tracking.heading_at(1.0 + MotionConfig().max_coast + 0.1) is None  # no odometry since
     tracking.reset()
     assert tracking.heading_at(1.0) is None
+    tracking.destroy()
+
+
+def test_what_is_not_undone_is_in_the_deviation_of_pose_and_track(rig):
+    """The source drives at 20 m/s across the target's x; its scan of 0.1 s tells no times."""
+    tracking = Tracking(rig.node, MotionConfig(), source='source', prefix='~/')
+    for stamp in np.arange(0.0, 2.0, 0.05):
+        for side, speed in (('source', 20.0), ('target', 0.0)):
+            message = Odometry()
+            message.header.stamp.sec, message.header.stamp.nanosec = (
+                int(stamp),
+                int(stamp % 1 * 1e9),
+            )
+            fill_pose(message.pose.pose, se3.from_xyz_rpy(x=speed * stamp))
+            tracking._moved(side, message)
+    cloud = fill_point_cloud2(PointCloud2(), np.ones((5, 3), np.float32), PointField)
+    cloud.header.stamp.sec = 1
+    tracking.swept = {side: tracking.deskewed(side, cloud) for side in ('source', 'target')}
+    T = se3.from_xyz_rpy(x=20.0, yaw=np.pi / 2)
+    found = Registration(T, 500, 900, '', {}, True, 0.99, np.eye(6) * 1e-4)
+    result = tracking.registered(found, 'target_lidar', source=1.0, target=1.0)
+    for covariance in (result.covariance, tracking._filter.estimate.covariance):
+        along, across = np.sqrt(covariance[1, 1]), np.sqrt(covariance[0, 0])
+        assert along == pytest.approx(2.0, rel=0.02)
+        assert across < 0.02
+    assert tracking.figures()['source de-skewed'].startswith('no: its points tell no times')
+    assert float(tracking.figures()['track deviation m']) == pytest.approx(2.0, rel=0.02)
     tracking.destroy()
