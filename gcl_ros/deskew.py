@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial.transform import Rotation
 
 from gcl_core import se3
 from gcl_core.ops.deskew import deskewed as straightened
 from gcl_core.types import PointCloud
 from gcl_ros.conversions import every_point, finite, kept, seconds
 from gcl_ros.feature_cloud import is_feature_cloud
+from gcl_ros.motion import difference
 from gcl_ros.odometry import MAX_GAP, Odometry
 from gcl_ros.point_times import point_times
 
@@ -104,5 +104,4 @@ def _as_it_came(why: str, odometry: Odometry, began: float, span: float) -> Swep
     moved = odometry.pace(began, span)
     if moved is None:
         return Swept(why=why)
-    turn = Rotation.from_matrix(moved[:3, :3]).as_rotvec()
-    return Swept(why=why, left=np.concatenate([moved[:3, 3], turn]))
+    return Swept(why=why, left=difference(moved, np.eye(4)))

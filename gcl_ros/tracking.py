@@ -24,7 +24,7 @@ from gcl_core.errors import GclError
 from gcl_core.types import Registration
 from gcl_ros.conversions import fill_pose, pose_matrix, seconds
 from gcl_ros.deskew import SWEEP, Swept, deskewed
-from gcl_ros.motion import LATELY, Drift, Relative, RelativeFilter, blurred, carried
+from gcl_ros.motion import LATELY, Drift, Relative, RelativeFilter, blurred, carried, difference
 from gcl_ros.odometry import STILL, Odometry
 from gcl_ros.pairing import JUMP, SIDES, Side
 from gcl_ros.streams import Limits, Stream
@@ -154,7 +154,8 @@ class Tracking:
     ) -> Registration:
         """Bring an accepted registration to the later of the two stamps, and take it in.
 
-        Its covariance grows by what the vehicles drove during scans that are not de-skewed.
+        Its covariance grows by what the vehicles drove during scans that are not de-skewed, and
+        between the stamps where odometry does not bridge them.
 
         Args:
             result: with a transform.
@@ -174,8 +175,14 @@ class Tracking:
             if source != target:
                 early: Side = 'source' if source < target else 'target'
                 moved = own[early].moved(min(source, target), stamp)
-                if moved is None:  # odometry is late or missing: as without it
-                    return result
+                if moved is None:  # odometry is late or missing: as without it, and less certain
+                    pace = own[early].pace(min(source, target), abs(source - target))
+                    nothing = dict.fromkeys(SIDES, np.zeros(6))
+                    left = (
+                        nothing if pace is None else nothing | {early: difference(pace, np.eye(4))}
+                    )
+                    covariance = blurred(result.T_target_source, covariance, **left)
+                    return replace(result, covariance=covariance)
                 motions[early] = moved
             first = Relative(min(source, target), result.T_target_source, covariance)
             together = carried(first, stamp, **motions, drift=self._config.drift)

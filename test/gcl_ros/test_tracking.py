@@ -108,8 +108,13 @@ def test_the_track_tells_the_heading_to_look_at(rig):
     tracking.destroy()
 
 
-def test_what_is_not_undone_is_in_the_deviation_of_pose_and_track(rig):
-    """The source drives at 20 m/s across the target's x; its scan of 0.1 s tells no times."""
+T_ACROSS = se3.from_xyz_rpy(x=20.0, yaw=np.pi / 2)
+FOUND = Registration(T_ACROSS, 500, 900, '', {}, True, 0.99, np.eye(6) * 1e-4)
+
+
+@pytest.fixture
+def across(rig):
+    """The source drives at 20 m/s across the target's x, until 1.95 s."""
     tracking = Tracking(rig.node, MotionConfig(), source='source', prefix='~/')
     for stamp in np.arange(0.0, 2.0, 0.05):
         for side, speed in (('source', 20.0), ('target', 0.0)):
@@ -120,16 +125,29 @@ def test_what_is_not_undone_is_in_the_deviation_of_pose_and_track(rig):
             )
             fill_pose(message.pose.pose, se3.from_xyz_rpy(x=speed * stamp))
             tracking._moved(side, message)
+    yield tracking
+    tracking.destroy()
+
+
+def deviations(covariance):
+    return np.sqrt(np.diag(covariance)[:2])
+
+
+def test_what_is_not_undone_is_in_the_deviation_of_pose_and_track(across):
+    """A scan of 0.1 s whose points tell no times."""
     cloud = fill_point_cloud2(PointCloud2(), np.ones((5, 3), np.float32), PointField)
     cloud.header.stamp.sec = 1
-    tracking.swept = {side: tracking.deskewed(side, cloud) for side in ('source', 'target')}
-    T = se3.from_xyz_rpy(x=20.0, yaw=np.pi / 2)
-    found = Registration(T, 500, 900, '', {}, True, 0.99, np.eye(6) * 1e-4)
-    result = tracking.registered(found, 'target_lidar', source=1.0, target=1.0)
-    for covariance in (result.covariance, tracking._filter.estimate.covariance):
-        along, across = np.sqrt(covariance[1, 1]), np.sqrt(covariance[0, 0])
-        assert along == pytest.approx(2.0, rel=0.02)
-        assert across < 0.02
-    assert tracking.figures()['source de-skewed'].startswith('no: its points tell no times')
-    assert float(tracking.figures()['track deviation m']) == pytest.approx(2.0, rel=0.02)
-    tracking.destroy()
+    across.swept = {side: across.deskewed(side, cloud) for side in ('source', 'target')}
+    result = across.registered(FOUND, 'target_lidar', source=1.0, target=1.0)
+    for covariance in (result.covariance, across._filter.estimate.covariance):
+        np.testing.assert_allclose(deviations(covariance), [0.01, 2.0], rtol=0.02)
+    assert across.figures()['source de-skewed'].startswith('no: its points tell no times')
+    assert float(across.figures()['track deviation m']) == pytest.approx(2.0, rel=0.02)
+
+
+def test_the_way_between_two_stamps_is_in_the_deviation_where_odometry_is_late(across):
+    result = across.registered(FOUND, 'target_lidar', source=1.95, target=2.05)
+    np.testing.assert_array_equal(result.T_target_source, T_ACROSS)
+    np.testing.assert_allclose(deviations(result.covariance), [0.01, 2.0], rtol=0.02)
+    bridged = across.registered(FOUND, 'target_lidar', source=1.8, target=1.9)
+    assert deviations(bridged.covariance).max() < 0.1
