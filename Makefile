@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: install browser demo test lint type bench bench-engine bench-registration bench-age bench-fuzz \
+.PHONY: install browser demo test test-aarch64 test-lowest lint type bench bench-engine bench-registration bench-age bench-fuzz \
 	bench-trust soak audit docs clean
 
 install: $(VENV)/installed
@@ -20,6 +20,12 @@ demo: install
 
 test: install browser
 	$(BIN)/python -m pytest
+
+# The compiled kernels as an aarch64 processor computes them, under user-mode emulation.
+test-aarch64: install
+	sh .ci/debian-packages aarch64
+	$(BIN)/python -m pytest test/gcl_core/test_native.py test/gcl_core/test_kpconv.py \
+		test/gcl_core/test_neighbors.py test/gcl_core/test_voxelize.py test/gcl_core/test_support.py -k emulated
 
 browser:  # the report is opened in it
 	sh .ci/debian-packages test

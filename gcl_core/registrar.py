@@ -28,6 +28,7 @@ from gcl_core.estimation.refine import Prepared, RefineConfig, prepare
 from gcl_core.estimation.surface import Surface, surface
 from gcl_core.matching.match import MatchConfig, match
 from gcl_core.models import zoo
+from gcl_core.ops.native.instructions import held
 from gcl_core.ops.native.kernels import kernels_for
 from gcl_core.stopwatch import Stopwatch
 from gcl_core.types import Features, PointCloud, Registration
@@ -144,8 +145,9 @@ class Registrar:
     @property
     def engine(self) -> str:
         """How scans are described on this machine, for the log."""
-        kernels = 'compiled kernels' if kernels_for(torch.empty(0, dtype=self.model.dtype)) else ''
-        return f'{str(self.model.dtype).split(".")[1]}, {kernels or "plain torch"}'
+        instructions = held() if kernels_for(torch.empty(0, dtype=self.model.dtype)) else None
+        kernels = f'compiled kernels ({instructions.name})' if instructions else 'plain torch'
+        return f'{str(self.model.dtype).split(".")[1]}, {kernels}'
 
     def max_heading(self, turns: int) -> float:
         """Largest heading that is searched for at each of so many turns, radians."""

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
+import emulation
 import numpy as np
 import pytest
 import torch
@@ -57,6 +58,13 @@ def kitti_poses_root() -> Path:
     if not (root / 'poses/08.txt').is_file():
         pytest.skip(f'no KITTI poses at {root}; they are looked for beside GCL_REAL_DATA')
     return root
+
+
+@pytest.fixture(params=emulation.sets())
+def compiled(request, monkeypatch) -> str:
+    """The kernels held to each instruction set that can be run here; skips without a compiler."""
+    emulation.hold(request.param, monkeypatch)
+    return request.param
 
 
 TINY = {

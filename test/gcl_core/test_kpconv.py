@@ -1,5 +1,6 @@
 """KPConv against the double loop of its definition, its gradients, its kernel points."""
 
+import emulation
 import numpy as np
 import pytest
 import torch
@@ -7,7 +8,6 @@ import torch
 from gcl_core.ops import kpconv, neighbor_max
 from gcl_core.ops.kernel_points import kernel_points
 from gcl_core.ops.kpconv import KPConv, influences
-from gcl_core.ops.native import build
 from gcl_core.ops.neighbors import radius_neighbors
 
 EXTENT, RADIUS = 0.6, 1.3
@@ -25,15 +25,15 @@ def felt_by(outputs, inputs, table):
     return influences(outputs, inputs, table, KERNEL.to(outputs.dtype), EXTENT)
 
 
-@pytest.fixture(params=['compiled', 'torch'])
+@pytest.fixture(params=[*emulation.sets(), 'torch'])
 def engine(request, monkeypatch):
     """Both ways to compute."""
     if request.param == 'torch':
         for name in ('influence_entries', 'gathered', 'inverted'):
             monkeypatch.setattr(kpconv, name, lambda *_: None)
         monkeypatch.setattr(neighbor_max, 'neighbor_max_rows', lambda *_: None)
-    elif build.library() is None:
-        pytest.skip('no C++ compiler')
+    else:
+        emulation.hold(request.param, monkeypatch)
 
 
 def double_loop(features, weight, outputs, inputs, table):
@@ -87,7 +87,7 @@ def test_gradients(chunk, monkeypatch):
     assert torch.autograd.gradcheck(lambda x, _: conv(x, felt), parameters)
 
 
-@pytest.mark.skipif(build.library() is None, reason='no C++ compiler')
+@pytest.mark.usefixtures('compiled')
 @pytest.mark.parametrize('channels', [2, 16, 20, 64, 80])
 @pytest.mark.parametrize('dtype', [torch.float32, torch.bfloat16])
 def test_compiled_is_torch_forwards_and_backwards(channels, dtype, monkeypatch):

@@ -1,21 +1,17 @@
 """The compiled kernels against the torch functions that define them."""
 
-import os
-import subprocess
-import sys
-
 import pytest
 import torch
 
 from gcl_core.matching import nearest
 from gcl_core.models.blocks import ConvNorm
 from gcl_core.ops import kernel_map
-from gcl_core.ops.native import build, kernels
+from gcl_core.ops.native import kernels
 from gcl_core.ops.native.nearest import nearest_rows
 from gcl_core.ops.sparse_conv import gather_matmul, gather_weight_grad, sparse_conv
 from gcl_core.ops.voxelize import coarsen, encode, refine
 
-pytestmark = pytest.mark.skipif(build.library() is None, reason='no C++ compiler')
+pytestmark = pytest.mark.usefixtures('compiled')
 TOLERANCE = {torch.float32: 1e-5, torch.bfloat16: 1e-2}
 CHANNELS = [(1, 32), (2, 32), (3, 5), (32, 64), (96, 100)]  # odd, narrow, wide, no multiple
 
@@ -26,10 +22,9 @@ def random_map(side: int = 14) -> kernel_map.KernelMap:
     return kernel_map.same_map(encode(coords - side // 2), kernel_map.CUBE_3)
 
 
-def compiled(dtype: torch.dtype) -> kernels.Kernels:
+def engine_of(dtype: torch.dtype) -> kernels.Kernels:
     found = kernels.kernels_for(torch.empty(0, dtype=dtype))
-    if found is None:
-        pytest.skip(f'this processor does not multiply {dtype}')
+    assert found is not None
     return found
 
 
@@ -40,7 +35,7 @@ def relative(a: torch.Tensor, b: torch.Tensor) -> float:
 @pytest.mark.parametrize('dtype', TOLERANCE)
 @pytest.mark.parametrize(('c_in', 'c_out'), CHANNELS)
 def test_convolution_and_weight_gradient(dtype, c_in, c_out):
-    kmap, engine = random_map(), compiled(dtype)
+    kmap, engine = random_map(), engine_of(dtype)
     generator = torch.Generator().manual_seed(4)
     x = torch.randn(kmap.num_inputs, c_in, generator=generator).to(dtype)
     grad = torch.randn(kmap.num_outputs, c_out, generator=generator).to(dtype)
@@ -113,7 +108,6 @@ def test_number_of_threads_does_not_change_a_bit(dtype):
 @pytest.mark.parametrize('dtype', TOLERANCE)
 @pytest.mark.parametrize('shape', [(1, 1, 3), (5, 300, 32), (700, 65, 7), (300, 700, 16)])
 def test_nearest_rows(dtype, shape):
-    compiled(dtype)
     n, m, length = shape
     generator = torch.Generator().manual_seed(7)
     source, target = (torch.randn(k, length, generator=generator).to(dtype) for k in (n, m))
@@ -138,7 +132,7 @@ def test_the_first_of_equals_is_nearest_and_all_may_be_unlike():
 
 
 def test_misfitting_input_is_refused():
-    kmap, engine = random_map(), compiled(torch.float32)
+    kmap, engine = random_map(), engine_of(torch.float32)
     weight = engine.pack(torch.randn(27, 4, 4))
     with pytest.raises(TypeError, match='float64'):
         engine.convolve(torch.zeros(3, 4, dtype=torch.float64), kmap.neighbors, weight)
@@ -146,34 +140,3 @@ def test_misfitting_input_is_refused():
         engine.convolve(torch.zeros(3, 8), kmap.neighbors, weight)
     with pytest.raises(TypeError, match='contiguous'):
         engine.convolve(torch.zeros(3, 4), kmap.neighbors.t().contiguous().t(), weight)
-
-
-def in_fresh_process(code: str, **environment: str) -> str:
-    command = [sys.executable, '-c', 'import logging; logging.basicConfig(level=20)\n' + code]
-    done = subprocess.run(
-        command, env={**os.environ, **environment}, capture_output=True, text=True, check=True
-    )
-    return done.stdout + done.stderr
-
-
-LOAD = 'from gcl_core.ops.native.build import library; print(library() is None, library() is None)'
-
-
-def test_switched_off_it_says_so_once():
-    said = in_fresh_process(LOAD, GCL_NATIVE='0')
-    assert 'True True' in said
-    assert said.count('plain torch') == 1
-
-
-def test_a_compiler_that_fails_leaves_torch_and_a_warning(tmp_path):
-    said = in_fresh_process(LOAD, CXX='false', XDG_CACHE_HOME=str(tmp_path))
-    assert 'True True' in said
-    assert 'WARNING' in said
-
-
-def test_compiled_once_into_a_private_folder(tmp_path):
-    said = in_fresh_process(LOAD, XDG_CACHE_HOME=str(tmp_path))
-    assert 'False False' in said
-    (folder,) = tmp_path.iterdir()
-    assert folder.stat().st_mode & 0o077 == 0
-    assert [path.suffix for path in folder.iterdir()] == ['.so']

@@ -1,5 +1,6 @@
 """Radius neighbours, grid subsampling, limits: against brute force, and under rigid motion."""
 
+import emulation
 import numpy as np
 import pytest
 import torch
@@ -8,7 +9,6 @@ from scipy.spatial.transform import Rotation
 from gcl_core.errors import GclError
 from gcl_core.ops import neighbors
 from gcl_core.ops.grid_subsample import grid_subsample
-from gcl_core.ops.native import build
 from gcl_core.ops.point_pyramid import build_point_pyramid
 from gcl_core.ops.voxelize import encode, voxelize
 from gcl_core.types import PointCloud
@@ -25,13 +25,13 @@ def sets(table: torch.Tensor, count: int) -> list[set[int]]:
     return [set(row[row < count].tolist()) for row in table]
 
 
-@pytest.fixture(params=['compiled', 'tree'])
+@pytest.fixture(params=[*emulation.sets(), 'tree'])
 def search(request, monkeypatch):
     """Both ways to search."""
     if request.param == 'tree':
         monkeypatch.setattr(neighbors, 'radius_search', lambda *_, **__: None)
-    elif build.library() is None:
-        pytest.skip('no C++ compiler')
+    else:
+        emulation.hold(request.param, monkeypatch)
     return neighbors.radius_neighbors
 
 

@@ -5,7 +5,6 @@ import torch
 from gcl_core.errors import GclError
 from gcl_core.ops import voxelize as voxelize_module
 from gcl_core.ops.ground import height_above_ground
-from gcl_core.ops.native.build import library
 from gcl_core.ops.native.voxelize import group_points
 from gcl_core.ops.voxelize import coarsen, encode, refine, voxelize
 from gcl_core.types import PointCloud
@@ -57,17 +56,16 @@ def test_height_above_ground_follows_the_slope_and_ignores_a_ghost():
     assert float(height[:-2].max()) < 0.3
 
 
+@pytest.mark.usefixtures('compiled')
 @pytest.mark.parametrize('count', [0, 1, 5000])
 def test_compiled_voxels_are_torchs(count):
-    if library() is None:
-        pytest.skip('no C++ compiler')
     generator = torch.Generator().manual_seed(8)
     points = 40 * torch.randn(count, 3, generator=generator)
     limits = {'voxel_size': 0.7, 'max_range': 80.0}
-    compiled = group_points(points, **limits, axis_bits=16, limit=1000)
+    ours = group_points(points, **limits, axis_bits=16, limit=1000)
     keys, mean = voxelize_module._grouped(points, **limits)
-    assert torch.equal(compiled[0], keys)
-    torch.testing.assert_close(compiled[1], mean)
+    assert torch.equal(ours[0], keys)
+    torch.testing.assert_close(ours[1], mean)
 
 
 def test_a_voxel_off_the_grid_is_named():

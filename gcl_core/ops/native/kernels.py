@@ -17,9 +17,17 @@ SUFFIX = {torch.float32: 'f32', torch.bfloat16: 'bf16'}
 POINTER, LONG, INT = ctypes.c_void_p, ctypes.c_long, ctypes.c_int
 
 
-def at(tensor: torch.Tensor) -> ctypes.c_void_p:
-    """Where the numbers of a contiguous tensor are, for a compiled function."""
-    return POINTER(tensor.data_ptr())
+class Address(ctypes.c_void_p):
+    """Where the numbers of a contiguous tensor are, for a compiled function; keeps it alive."""
+
+    tensor: torch.Tensor
+
+
+def at(tensor: torch.Tensor) -> Address:
+    """Point a compiled function at a contiguous tensor."""
+    address = Address(tensor.data_ptr())
+    address.tensor = tensor
+    return address
 
 
 @dataclass(frozen=True)
@@ -28,10 +36,12 @@ class PackedWeight:
 
     Attributes:
         data: flat, in the features' dtype.
+        library: whose order it is: each instruction set has its own.
         kernel, in_channels, out_channels: shape of the weight.
     """
 
     data: torch.Tensor
+    library: str
     kernel: int
     in_channels: int
     out_channels: int
@@ -42,6 +52,7 @@ class Kernels:
 
     def __init__(self, lib: ctypes.CDLL, dtype: torch.dtype) -> None:
         self.dtype = dtype
+        self._library = str(lib._name)
         suffix = SUFFIX[dtype]
         signatures = {
             'packed_size': (LONG,) * 3,
@@ -69,10 +80,8 @@ class Kernels:
             c_in, c_out = c_out, c_in
         size = self._call['packed_size'](kernel, c_in, c_out)
         data = torch.empty(size, dtype=self.dtype)
-        self._call['pack'](
-            weight.data_ptr(), kernel, c_in, c_out, int(transposed), data.data_ptr()
-        )
-        return PackedWeight(data, kernel, c_in, c_out)
+        self._call['pack'](at(weight), kernel, c_in, c_out, int(transposed), at(data))
+        return PackedWeight(data, self._library, kernel, c_in, c_out)
 
     def convolve(
         self,
@@ -86,18 +95,20 @@ class Kernels:
     ) -> Float[torch.Tensor, 'n_out c_out']:
         """Sum `x[neighbors[j]] @ weight[j]`, plus bias and residual, then ReLU if asked for."""
         self._check(x, neighbors, weight.kernel)
+        if weight.library != self._library:
+            raise ValueError(f'the weight is packed for {weight.library}, not {self._library}')
         if x.shape[1] != weight.in_channels:
             raise ValueError(f'{x.shape[1]} channels, the weight has {weight.in_channels}')
         x = self._even(x)
         residual = None if residual is None else residual.contiguous()
         out = x.new_empty(neighbors.shape[1], weight.out_channels)
         self._call['conv'](
-            *(x.data_ptr(), len(x), x.shape[1]),
-            *(neighbors.data_ptr(), neighbors.shape[1], weight.kernel),
-            *(weight.data.data_ptr(), weight.out_channels),
-            None if bias is None else bias.data_ptr(),
-            None if residual is None else residual.data_ptr(),
-            *(int(relu), out.data_ptr(), torch.get_num_threads()),
+            *(at(x), len(x), x.shape[1]),
+            *(at(neighbors), neighbors.shape[1], weight.kernel),
+            *(at(weight.data), weight.out_channels),
+            None if bias is None else at(bias),
+            None if residual is None else at(residual),
+            *(int(relu), at(out), torch.get_num_threads()),
         )
         return out
 
@@ -112,9 +123,9 @@ class Kernels:
         x, grad = x.contiguous(), grad.contiguous()
         out = torch.empty(len(neighbors), x.shape[1], grad.shape[1])
         self._call['weight_grad'](
-            *(x.data_ptr(), len(x), x.shape[1]),
-            *(neighbors.data_ptr(), neighbors.shape[1], len(neighbors)),
-            *(grad.data_ptr(), grad.shape[1], out.data_ptr(), torch.get_num_threads()),
+            *(at(x), len(x), x.shape[1]),
+            *(at(neighbors), neighbors.shape[1], len(neighbors)),
+            *(at(grad), grad.shape[1], at(out), torch.get_num_threads()),
         )
         return out
 
@@ -134,17 +145,11 @@ class Kernels:
 
 def kernels_for(x: torch.Tensor) -> Kernels | None:
     """Kernels for features of this dtype and device, or None: then torch does it."""
-    return _kernels(x.dtype) if x.device.type == 'cpu' else None
+    lib = library() if x.device.type == 'cpu' and x.dtype in SUFFIX else None
+    return None if lib is None else _kernels(lib, x.dtype)
 
 
-@cache
-def _kernels(dtype: torch.dtype) -> Kernels | None:
-    suffix, lib = SUFFIX.get(dtype), None
-    if suffix is not None:
-        lib = library()
-    if lib is None or not hasattr(lib, f'gcl_conv_{suffix}'):
-        return None
-    return Kernels(lib, dtype)
+_kernels = cache(Kernels)
 
 
 def search(

@@ -109,6 +109,4 @@ void nearest(const T* source, long n, const T* target, long m, long depth, float
     }
 
 INSTANTIATE(float, f32)
-#if defined(__AVX512BF16__)
 INSTANTIATE(bfloat16, bf16)
-#endif

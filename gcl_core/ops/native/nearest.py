@@ -20,14 +20,13 @@ def nearest_rows(
     """
     suffix = SUFFIX.get(source.dtype)
     lib = library() if suffix and source.device.type == 'cpu' else None
-    function = getattr(lib, f'gcl_nearest_{suffix}', None)
-    if function is None:
+    if lib is None:
         return None
     odd = source.shape[1] % 2  # two bfloat16 are read at a time
     source, target = (torch.nn.functional.pad(x, (0, odd)).contiguous() for x in (source, target))
     value, best = torch.empty(len(source)), torch.empty(len(target))
     column = torch.empty(len(source), dtype=torch.int32)
-    function(
+    getattr(lib, f'gcl_nearest_{suffix}')(
         *(at(source), ctypes.c_long(len(source)), at(target), ctypes.c_long(len(target))),
         *(ctypes.c_long(source.shape[1]), at(value), at(column), at(best)),
         ctypes.c_int(torch.get_num_threads()),

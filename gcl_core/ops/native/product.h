@@ -59,16 +59,21 @@ template <> struct Product<float> {
         sum += *a * *reinterpret_cast<const Vector*>(b);
     }
 };
-#if defined(__AVX512BF16__)
 template <> struct Product<bfloat16> {
     static constexpr long STEP = 2;
     static inline void add(Vector& sum, const bfloat16* a, const bfloat16* b) {
+#if defined(__AVX512BF16__)
         int32_t two;
         std::memcpy(&two, a, 4);
         sum = (Vector)_mm512_dpbf16_ps((__m512)sum, (__m512bh)_mm512_set1_epi32(two),
                                        (__m512bh)_mm512_loadu_si512(b));
+#else  // the upper half of a float32 is a bfloat16
+        Bits pairs;
+        std::memcpy(&pairs, b, sizeof pairs);
+        sum += widen(a[0]) * (Vector)(pairs << 16);
+        sum += widen(a[1]) * (Vector)(pairs & 0xFFFF0000u);
+#endif
     }
 };
-#endif
 
 }  // namespace

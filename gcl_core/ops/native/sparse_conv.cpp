@@ -180,28 +180,19 @@ void convolve(const T* x, int32_t n_in, long c_in, const int32_t* neighbors, lon
 }
 
 // Rows of `from` named by `rows`, as `block` reads them: STEP rows interleaved, zeros after the last.
-void gather(const float* from, long channels, const int32_t* rows, long count, long width,
-            float* to) {
-    for (long p = 0; p < count; ++p, to += width) {
-        std::memcpy(to, from + rows[p] * channels, 4 * channels);
-        std::memset(to + channels, 0, 4 * (width - channels));
+template <class T>
+void gather(const T* from, long channels, const int32_t* rows, long count, long width, T* to) {
+    constexpr long STEP = Product<T>::STEP;
+    for (long p = 0; p < count; p += STEP, to += STEP * width) {
+        const T* row[STEP];
+        for (long s = 0; s < STEP; ++s)
+            row[s] = from + rows[p + s < count ? p + s : p] * channels;
+        for (long c = 0; c < channels; ++c)
+            for (long s = 0; s < STEP; ++s)
+                to[STEP * c + s] = p + s < count ? row[s][c] : T(0);
+        std::memset(to + STEP * channels, 0, STEP * (width - channels) * sizeof(T));
     }
 }
-#if defined(__AVX512BF16__)
-void gather(const bfloat16* from, long channels, const int32_t* rows, long count, long width,
-            bfloat16* to) {
-    for (long p = 0; p < count; p += 2, to += 2 * width) {
-        const bfloat16* first = from + rows[p] * channels;
-        const bfloat16* second = from + rows[p + 1 < count ? p + 1 : p] * channels;
-        const uint32_t keep = p + 1 < count ? 0xFFFF : 0;
-        for (long c = 0; c < channels; ++c) {
-            const uint32_t two = first[c] | (second[c] & keep) << 16;
-            std::memcpy(to + 2 * c, &two, 4);
-        }
-        std::memset(to + 2 * channels, 0, 4 * (width - channels));
-    }
-}
-#endif
 
 template <class T>
 void weight_grad_block(const T* a, long a_width, const T* g, long g_width, long depth, long c_in,
@@ -280,6 +271,4 @@ void weight_grad(const T* x, int32_t n_in, long c_in, const int32_t* neighbors, 
     }
 
 EXPORT(float, f32)
-#if defined(__AVX512BF16__)
 EXPORT(bfloat16, bf16)
-#endif
