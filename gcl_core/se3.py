@@ -51,8 +51,13 @@ def transform(
     T: Float[np.ndarray, '4 4'], points: Float[np.ndarray, 'n 3']
 ) -> Float[np.ndarray, 'n 3']:
     """Apply `T` to points; the result keeps their dtype."""
-    moved = points @ T[:3, :3].T.astype(points.dtype) + T[:3, 3].astype(points.dtype)
-    return np.asarray(moved)
+    # Not by a matrix product: its bits would depend on the number of threads, and OpenBLAS's spin
+    # when they are done, which takes the cores from what comes next.
+    x, y, z = np.ascontiguousarray(points.T)
+    moved = np.empty_like(points)
+    for axis, (a, b, c, d) in enumerate(T[:3].astype(points.dtype)):
+        moved[:, axis] = x * a + y * b + z * c + d
+    return moved
 
 
 def rotation_angle(T: Float[np.ndarray, '4 4']) -> float:

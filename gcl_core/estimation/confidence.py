@@ -40,7 +40,8 @@ class Judge:
 
     def log_odds(self, columns: Float[torch.Tensor, 'h c']) -> Float[torch.Tensor, ' h']:
         """Log odds that each row is right."""
-        return columns.double() @ torch.tensor(self.weight, dtype=torch.float64) + self.bias
+        weight = torch.tensor(self.weight, dtype=torch.float64)
+        return (columns.double() * weight).sum(1) + self.bias
 
 
 @dataclass(frozen=True)

@@ -36,7 +36,7 @@ class Neighborhood:
         flat, inside = np.zeros(len(points), dtype=np.int64), np.ones(len(points), dtype=bool)
         for axis, row in enumerate((T[:3] / self._reach).astype(points.dtype)):
             offset = row[3] - points.dtype.type(self._low[axis] / self._reach)
-            cell = points @ row[:3] + offset
+            cell = points[:, 0] * row[0] + points[:, 1] * row[1] + points[:, 2] * row[2] + offset
             inside &= (cell >= 0) & (cell < self._shape[axis])
             flat += cell.astype(np.int64) * self._strides[axis]
         return np.asarray(inside & self._near[np.where(inside, flat, 0)])

@@ -32,10 +32,17 @@ def distinct(
     a: Float[torch.Tensor, 'h 4 4'], b: Float[torch.Tensor, 'k 4 4']
 ) -> Bool[torch.Tensor, 'h k']:
     """Whether transforms mean another place or heading: over 3 m or 10 degrees apart."""
-    between = a[:, None, :3, 3] - b[None, :, :3, 3]
-    trace = a[:, :3, :3].flatten(1) @ b[:, :3, :3].flatten(1).t()
-    away = between.square().sum(2) > DISTINCT_DISTANCE**2
-    return away | (trace < 1 + 2 * math.cos(DISTINCT_ANGLE))
+    x, y, z = (a[:, None, :3, 3] - b[None, :, :3, 3]).square_().unbind(2)
+    trace = a.new_zeros(len(a), len(b))
+    for i, j in ((i, j) for i in range(3) for j in range(3)):
+        trace += a[:, i, j, None] * b[:, i, j]
+    return (x + y + z > DISTINCT_DISTANCE**2) | (trace < 1 + 2 * math.cos(DISTINCT_ANGLE))
+
+
+def turned_less(T: Float[torch.Tensor, 'h 4 4'], yaw: float) -> Bool[torch.Tensor, ' h']:
+    """Whether headings lie within `yaw` of straight on, radians up to pi."""
+    x, y = T[:, 0, 0], T[:, 1, 0]
+    return x > math.cos(yaw) * (x.square() + y.square()).sqrt()
 
 
 def distinct_best(

@@ -11,6 +11,7 @@ from jaxtyping import Float, Int64
 from gcl_core.estimation.surface import SOLID_HEIGHT, grid_cell, grid_shape, neighbors
 from gcl_core.matching.keypoints import choose
 from gcl_core.ops.ground import height_above_ground
+from gcl_core.ops.repeatable import gram, moved, product
 from gcl_core.types import Features
 
 CELL = 1.0  # metres; two key points in one cell, or in neighbouring ones, lie together
@@ -54,9 +55,10 @@ def keypoint_grid(features: Features) -> KeypointGrid:
     row.scatter_reduce_(0, (cell + beside[:, None]).flatten(), index.repeat(len(beside)), 'amax')
     row[cell] = -1
     row.scatter_reduce_(0, cell, index, 'amax')
-    centred = kept.descriptors - kept.descriptors.mean(0)
-    covariance = centred.t() @ centred / max(1, len(kept))
-    return KeypointGrid(kept, row, kept.descriptors.mean(0), covariance)
+    count = max(1, len(kept))
+    mean = gram(torch.ones(len(kept), 1), kept.descriptors)[0] / count
+    centred = kept.descriptors - mean
+    return KeypointGrid(kept, row, mean, gram(centred, centred) / count)
 
 
 def likeness(
@@ -67,17 +69,15 @@ def likeness(
     The score says how many standard deviations more alike two descriptors are than the source's
     and a random one of the target: 0 by chance.
     """
-    T = T_target_source.float()
-    moved = T[:, :3, :3] @ source.points.t() + T[:, :3, 3:]
-    cell, inside = grid_cell(moved, CELL)
+    cell, inside = grid_cell(moved(T_target_source.float(), source.points), CELL)
     row = target.row[cell]
     met = inside & (row >= 0)
     h, p = met.nonzero(as_tuple=True)
     d = source.descriptors
-    expected = d @ target.mean
-    deviation = ((d @ target.covariance) * d).sum(1).clamp(min=1e-6).sqrt()
+    expected = (d * target.mean).sum(1)
+    deviation = (product(d, target.covariance) * d).sum(1).clamp(min=1e-6).sqrt()
     similarity = (d[p] * target.features.descriptors[row[h, p]]).sum(1)
     score = (similarity - expected[p]) / deviation[p]
     count = met.sum(1).float()
-    total = torch.zeros(len(T)).index_add_(0, h, score)
+    total = torch.zeros(len(T_target_source)).index_add_(0, h, score)
     return total / count.clamp(min=1), count

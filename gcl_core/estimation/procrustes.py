@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import reduce
+
 import torch
 from jaxtyping import Float
 
@@ -40,7 +42,8 @@ def _assemble(
     """Add the translation that brings the mean of the source points onto the target's."""
     T = torch.eye(4, dtype=source.dtype).repeat(len(source), 1, 1)
     T[:, :3, :3] = rotation
-    T[:, :3, 3] = target.mean(1) - (rotation @ source.mean(1).unsqueeze(2)).squeeze(2)
+    p, q = (reduce(torch.add, side.unbind(1)) / side.shape[1] for side in (source, target))
+    T[:, :3, 3] = q - (rotation @ p.unsqueeze(2)).squeeze(2)
     return T
 
 
@@ -48,11 +51,12 @@ def from_two_points(
     source: Float[torch.Tensor, 'h 2 3'], target: Float[torch.Tensor, 'h 2 3']
 ) -> Float[torch.Tensor, 'h 4 4']:
     """Yaw and translation from two correspondences each: both vehicles stand level."""
-    p, q = source[:, 1] - source[:, 0], target[:, 1] - target[:, 0]
-    yaw = torch.atan2(q[:, 1], q[:, 0]) - torch.atan2(p[:, 1], p[:, 0])
+    (px, py, _), (qx, qy, _) = ((x[:, 1] - x[:, 0]).unbind(1) for x in (source, target))
+    cosine, sine = px * qx + py * qy, px * qy - py * qx
+    length = (cosine.square() + sine.square()).sqrt()
     rotation = torch.eye(3, dtype=source.dtype).repeat(len(source), 1, 1)
-    rotation[:, 0, 0] = rotation[:, 1, 1] = torch.cos(yaw)
-    rotation[:, 1, 0] = torch.sin(yaw)
+    rotation[:, 0, 0] = rotation[:, 1, 1] = torch.where(length > 0, cosine / length, 1.0)
+    rotation[:, 1, 0] = torch.where(length > 0, sine / length, 0.0)
     rotation[:, 0, 1] = -rotation[:, 1, 0]
     return _assemble(rotation, source, target)
 

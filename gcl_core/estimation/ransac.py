@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import reduce
 from typing import Literal
 
 import torch
 from jaxtyping import Bool, Float, Int64
 
 from gcl_core.errors import GclError
-from gcl_core.estimation.hypothesis import Hypothesis, distinct_best, ranked
+from gcl_core.estimation.hypothesis import Hypothesis, distinct_best, ranked, turned_less
 from gcl_core.estimation.procrustes import from_three_points, from_two_points
 from gcl_core.estimation.support import Support
 from gcl_core.types import Correspondences
@@ -82,7 +83,7 @@ def ransac(
         return []
     generator = torch.Generator().manual_seed(config.seed)
     support = Support(correspondences, config.threshold)
-    total = max(float(support.weight.sum()), 1e-9)
+    total = max(support.total, 1e-9)
     T, scores = torch.empty(0, 4, 4), torch.empty(0)
     drawn, batch, needed = 0, config.batch, float(config.samples)
     while drawn < needed:
@@ -123,7 +124,7 @@ def _hypotheses(
     else:  # three points on a line, or one point thrice, give no rotation
         kept = (torch.linalg.det(T[:, :3, :3]) - 1).abs() < 1e-3
     if max_yaw < math.pi:
-        kept &= torch.atan2(T[:, 1, 0], T[:, 0, 0]).abs() < max_yaw
+        kept &= turned_less(T, max_yaw)
     return T[kept]
 
 
@@ -132,7 +133,7 @@ def _agree(
 ) -> Bool[torch.Tensor, ' h']:
     """Whether two edges are long enough and of one length; of one rise, too, if level."""
     axes = 2 if config.model == 'level' else 3
-    a, b = p[:axes].square().sum(0).sqrt_(), q[:axes].square().sum(0).sqrt_()
+    a, b = (reduce(torch.add, side[:axes].square().unbind()).sqrt() for side in (p, q))
     shorter, longer = torch.minimum(a, b), torch.maximum(a, b)
     kept = (shorter > config.edge_ratio * longer) & (shorter > config.min_edge)
     kept &= longer - shorter < 2.0 * config.threshold

@@ -14,9 +14,10 @@ import torch
 from jaxtyping import Bool, Float, Int64
 
 from gcl_core.errors import GclError
-from gcl_core.estimation.hypothesis import Hypothesis, distinct_best, ranked
-from gcl_core.estimation.procrustes import from_moments, products
+from gcl_core.estimation.hypothesis import Hypothesis, distinct_best, ranked, turned_less
+from gcl_core.estimation.procrustes import from_moments
 from gcl_core.estimation.support import Support
+from gcl_core.ops.repeatable import row_sums
 from gcl_core.types import Correspondences
 
 POWER_STEPS = 10  # of the leading eigenvector; the paper's code takes as many
@@ -77,14 +78,21 @@ def spatial_consistency(
     count = min(config.members, len(c))
     members = second.topk(count, 1)
     support = Support(correspondences, config.threshold)
-    weight = (members.values > 0).double()
-    table = products(c.source.float(), c.target.float()).double()
-    T = from_moments(torch.einsum('sk,skc->sc', weight, table[members.indices]))
-    kept = (weight.sum(1) >= 3) & T.isfinite().all(2).all(1)
-    kept &= torch.atan2(T[:, 1, 0], T[:, 0, 0]).abs() <= max_yaw
+    chosen = torch.zeros(len(seeds), len(c), dtype=torch.bool)
+    chosen.scatter_(1, members.indices, members.values > 0)
+    alike = Correspondences(c.source, c.target, torch.ones(len(c)))
+    T = from_moments(Support(alike, config.threshold).moments(chosen))
+    kept = (chosen.sum(1) >= 3) & T.isfinite().all(2).all(1)
+    if max_yaw < math.pi:
+        kept &= turned_less(T, max_yaw)
     T = T[kept]
     leaders = distinct_best(T, support.scores(T), 2 * config.keep)
     return ranked(support.polish(T[leaders], config.local_steps), config.keep)
+
+
+def _distances(points: Float[torch.Tensor, 'n 3']) -> Float[torch.Tensor, 'n n']:
+    """Distances between points, each by itself: a matrix product would lose digits as well."""
+    return torch.cdist(points, points, compute_mode='donot_use_mm_for_euclid_dist')
 
 
 def _most_similar(c: Correspondences, limit: int) -> Correspondences:
@@ -94,7 +102,7 @@ def _most_similar(c: Correspondences, limit: int) -> Correspondences:
 
 def _compatible(c: Correspondences, config: SpatialConsistencyConfig) -> Bool[torch.Tensor, 'n n']:
     """Which pairs of correspondences span edges of one length; none with itself."""
-    agree = (torch.cdist(c.source, c.source) - torch.cdist(c.target, c.target)).abs_()
+    agree = (_distances(c.source) - _distances(c.target)).abs_()
     compatible = agree < config.threshold
     if config.level:
         rise = c.source[:, 2] - c.target[:, 2]
@@ -109,8 +117,8 @@ def _seeds(
     """Correspondences of the largest eigenvector entries, the best within their reach first."""
     vector = torch.ones(len(c))
     for _ in range(POWER_STEPS):
-        vector = first @ vector
-        vector = vector / vector.norm().clamp(min=1e-9)
-    near = torch.cdist(c.source, c.source) < 2 * config.threshold
+        vector = row_sums(first * vector)
+        vector = vector / vector.amax().clamp(min=1e-9)
+    near = _distances(c.source) < 2 * config.threshold
     leading = vector >= torch.where(near, vector, -1.0).amax(1)
     return torch.argsort(vector + leading, descending=True, stable=True)[: config.seeds]

@@ -1,22 +1,25 @@
-"""How much of the correspondences a transform explains: one matrix product for all transforms.
+"""How much of the correspondences a transform explains, for many transforms at once.
 
-The squared residual
-    |R p + t - q|^2 = |p|^2 + |q|^2 + |t|^2 + 2 (R^T t).p - 2 t.q - 2 sum R_ij q_i p_j
-
-is bilinear in (R, t) and (p, q). The same products, weighted by the inliers, are the moments that
-a least-squares transform needs, so that many hypotheses are re-estimated at once.
+Residuals are taken as they are, R p + t - q: the product that they can be brought into,
+    |p|^2 + |q|^2 + |t|^2 + 2 (R^T t).p - 2 t.q - 2 sum R_ij q_i p_j,
+takes the difference of numbers that float32 holds to a millimetre squared. The products weighted
+by the inliers are the moments that a least-squares transform needs.
 """
 
 from __future__ import annotations
 
+import numpy as np
 import torch
 from jaxtyping import Bool, Float
 
 from gcl_core.estimation.hypothesis import Hypothesis
 from gcl_core.estimation.procrustes import from_moments, products
+from gcl_core.ops.native.support import LANES, support_scores
+from gcl_core.ops.repeatable import moved, row_sums
 from gcl_core.types import Correspondences
 
 BLOCK = 1 << 17  # hypotheses x correspondences held at a time: they stay in the cache
+LEAST_WEIGHT = 1e-6  # so that inliers that are not alike count where there are no others
 
 
 class Support:
@@ -28,35 +31,46 @@ class Support:
     """
 
     def __init__(self, correspondences: Correspondences, threshold: float) -> None:
-        self._table = products(correspondences.source.float(), correspondences.target.float())
-        self._columns = self._table.t().contiguous()
+        self._source = correspondences.source.float()
+        self._target = correspondences.target.float().t().contiguous()
         self.weight = correspondences.weight.float().clamp(min=0)
         self._limit = threshold**2
+        table = torch.cat([self._source.t(), self._target, self.weight[None]])
+        self._table = torch.nn.functional.pad(table, (0, -len(self.weight) % LANES)).contiguous()
+        self._products = products(self._source.double(), self._target.t().double())
+
+    @property
+    def total(self) -> float:
+        """Sum of all weights."""
+        return float(row_sums(self.weight[None]))
 
     def inliers(self, T: Float[torch.Tensor, 'h 4 4']) -> Bool[torch.Tensor, 'h n']:
         """Which correspondences each transform explains."""
-        return (_rows(T.float()) @ self._columns) < self._limit
+        off = (moved(T.float(), self._source) - self._target).square_()
+        return off[:, 0] + off[:, 1] + off[:, 2] < self._limit
 
     def scores(self, T: Float[torch.Tensor, 'h 4 4']) -> Float[torch.Tensor, ' h']:
         """Sum of the inliers' weights for each transform."""
-        step = max(1, BLOCK // max(1, len(self.weight)))
-        rows, scores = _rows(T.float()), self.weight.new_empty(len(T))
-        for i in range(0, len(T), step):
-            residuals = rows[i : i + step] @ self._columns
-            torch.mv(residuals.lt_(self._limit), self.weight, out=scores[i : i + step])
-        return scores
+        found = support_scores(T.float(), self._table, self._limit)
+        return self._by_blocks(T) if found is None else found
+
+    def _by_blocks(self, T: Float[torch.Tensor, 'h 4 4']) -> Float[torch.Tensor, ' h']:
+        blocks = T.split(max(1, BLOCK // max(1, len(self.weight))))
+        return torch.cat([self._score(self.inliers(block)) for block in blocks])
+
+    def _score(self, inlier: Bool[torch.Tensor, 'h n']) -> Float[torch.Tensor, ' h']:
+        return row_sums(torch.where(inlier, self.weight, 0.0))
 
     def polish(self, T: Float[torch.Tensor, 'h 4 4'], steps: int) -> list[Hypothesis]:
         """Re-estimate all six degrees of freedom from the inliers while the support grows."""
         if len(T) == 0:
             return []
-        best, inlier, table = T.double(), self.inliers(T), self._table.double()
-        score = inlier.float() @ self.weight
+        best, inlier = T.double(), self.inliers(T)
+        score = self._score(inlier)
         for _ in range(steps):
-            moments = (inlier * (self.weight + 1e-6)).double() @ table
-            candidate = from_moments(moments)
+            candidate = from_moments(self.moments(inlier))
             new_inlier = self.inliers(candidate)
-            new_score = new_inlier.float() @ self.weight
+            new_score = self._score(new_inlier)
             grown = (new_score > score) & (inlier.sum(1) >= 3)
             if not bool(grown.any()):
                 break
@@ -66,12 +80,14 @@ class Support:
         counts = inlier.sum(1).tolist()
         return [Hypothesis(t, s, n) for t, s, n in zip(best, score.tolist(), counts)]
 
-
-def _rows(T: Float[torch.Tensor, 'h 4 4']) -> Float[torch.Tensor, 'h 17']:
-    """Rows whose product with the table's columns are squared residuals."""
-    rotation, t = T[:, :3, :3], T[:, :3, 3]
-    back = (rotation.transpose(1, 2) @ t.unsqueeze(2)).squeeze(2)
-    square = t.square().sum(1, keepdim=True)
-    return torch.cat(
-        [torch.ones_like(square), square, 2 * back, -2 * t, -2 * rotation.flatten(1)], 1
-    )
+    def moments(self, inlier: Bool[torch.Tensor, 'h n']) -> Float[torch.Tensor, 'h 17']:
+        """Weighted sums of the inliers' products, float64, inlier by inlier."""
+        row = inlier.nonzero()[:, 1]
+        weight = (self.weight[row] + LEAST_WEIGHT).double()
+        weighted = (self._products[row] * weight[:, None]).numpy()
+        counts = inlier.sum(1).numpy()
+        some = counts > 0
+        sums = np.zeros((len(inlier), weighted.shape[1]))
+        if some.any():
+            sums[some] = np.add.reduceat(weighted, (np.cumsum(counts) - counts)[some], axis=0)
+        return torch.from_numpy(sums)

@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float, Int64, UInt8
 
 from gcl_core.matching.keypoints import spread
 from gcl_core.ops.ground import height_above_ground
+from gcl_core.ops.repeatable import atan2
 from gcl_core.ops.voxelize import voxelize
 from gcl_core.types import PointCloud
 
@@ -73,9 +74,9 @@ def direction_cell(
     """Flat cell of the range image, range, and whether the direction lies within the image."""
     x, y, z = points.unbind(-2)
     flat = x * x + y * y
-    column = ((torch.atan2(y, x) + math.pi) / AZIMUTH).floor_()
+    column = ((atan2(y, x) + math.pi) / AZIMUTH).floor_()
     column = torch.where(column < COLUMNS, column, 0.0)  # straight behind is one direction
-    row = ((torch.atan2(z, flat.sqrt()) - LOWEST) / ELEVATION).floor_()
+    row = ((atan2(z, flat.sqrt()) - LOWEST) / ELEVATION).floor_()
     inside = (row >= 0) & (row < ROWS)
     cell = row.clamp_(0, ROWS - 1).mul_(COLUMNS).add_(column)
     return cell.long(), (flat + z * z).sqrt_(), inside

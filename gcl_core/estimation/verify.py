@@ -20,6 +20,7 @@ from gcl_core.estimation.surface import (
     grid_cell,
     grid_shape,
 )
+from gcl_core.ops.repeatable import moved
 
 
 @dataclass(frozen=True)
@@ -73,14 +74,14 @@ def _one_way(
     T: Float[torch.Tensor, 'h 4 4'], mover: Surface, other: Surface, tolerance: float
 ) -> list[Float[torch.Tensor, ' h']]:
     """Count solid points visible, in conflict, touching, close; ground known, agreeing."""
-    moved = T[:, :3, :3] @ mover.solid.t() + T[:, :3, 3:]
-    cell, distance, inside = direction_cell(moved)
+    points = moved(T, mover.solid)
+    cell, distance, inside = direction_cell(points)
     near, far = other.near.view(-1)[cell], other.far.view(-1)[cell]
     slack = tolerance + 0.02 * distance  # a degree of turn or tilt, and the thinning of beams
     # Seen: the other scan has returns in this direction, and none of them hides the point.
     visible = inside & (near > 0) & (distance < far + slack)
     conflict = visible & (distance < near - slack)
-    cell, within = grid_cell(moved, CELL)
+    cell, within = grid_cell(points, CELL)
     occupied = other.occupied[cell]
     touching = visible & within & (occupied > 0)
     close = visible & within & (occupied > 1)
@@ -94,8 +95,8 @@ def _ground(
     T: Float[torch.Tensor, 'h 4 4'], mover: Surface, other: Surface, tolerance: float
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Which ground points lie where the other scan knows the ground, and which agree with it."""
-    moved = T[:, :3, :3] @ mover.ground.t() + T[:, :3, 3:]
-    cell, inside = grid_cell(moved, GROUND_CELL)
+    points = moved(T, mover.ground)
+    cell, inside = grid_cell(points, GROUND_CELL)
     height = other.height[cell // grid_shape(GROUND_CELL)[2]]
     known = inside & ~height.isnan()
-    return known, known & ((moved[:, 2] - height).abs() < 0.5 * tolerance)
+    return known, known & ((points[:, 2] - height).abs() < 0.5 * tolerance)

@@ -9,6 +9,7 @@ from torch import nn
 from gcl_core.models.folding import Folding
 from gcl_core.ops.kernel_map import CUBE_3, KernelMap, KernelShape
 from gcl_core.ops.quarter_turns import QuarterTurnConv, QuarterTurnNorm
+from gcl_core.ops.repeatable import linear
 from gcl_core.ops.sparse_conv import FoldedConv, SparseConv
 
 BN_MOMENTUM = 0.05  # of the public code, for both FCGF and GCL+Conv
@@ -71,3 +72,13 @@ class ResidualBlock(nn.Module):
         """Keep voxels and channels."""
         out: torch.Tensor = self.second(self.first(x, kmap), kmap, x)
         return out
+
+
+class Linear(nn.Linear):
+    """A product whose bits, without a gradient, do not depend on the number of threads."""
+
+    def forward(self, x: Float[torch.Tensor, 'n c_in']) -> Float[torch.Tensor, 'n c_out']:
+        """Multiply every row."""
+        if torch.is_grad_enabled():
+            return super().forward(x)
+        return linear(x, self.weight.t(), self.bias)

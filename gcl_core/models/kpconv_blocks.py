@@ -9,6 +9,7 @@ from torch import nn
 from gcl_core.models.folding import Folding
 from gcl_core.ops.kpconv import Influences, KPConv, convolve
 from gcl_core.ops.neighbor_max import neighbor_max
+from gcl_core.ops.repeatable import linear
 from gcl_core.ops.sparse_conv import scale_and_shift
 
 BN_MOMENTUM = 0.02  # of the public code
@@ -42,7 +43,7 @@ class Unary(Folding[Folded]):
         """Compute in the dtype of `x`."""
         weight = self.linear.weight.t()
         if folded := self.folded(x.dtype, lambda: fold(weight, self.norm, x.dtype)):
-            return torch.addmm(folded[1], x, folded[0])
+            return linear(x, *folded)
         out: torch.Tensor = self.norm(x @ weight.to(x.dtype))
         return out
 

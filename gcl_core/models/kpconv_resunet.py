@@ -12,6 +12,7 @@ from torch import nn
 
 from gcl_core.errors import GclError
 from gcl_core.models.backbone import Backbone, BackboneConfig
+from gcl_core.models.blocks import Linear
 from gcl_core.models.kpconv_blocks import ConvNorm, ResidualBlock, Unary, leaky
 from gcl_core.ops.kernel_points import kernel_points
 from gcl_core.ops.kpconv import Influences, influences
@@ -94,7 +95,7 @@ class KPConvResUNet(Backbone[KPConvConfig, PointPyramid]):
         for level in range(config.levels - 2, config.output_level - 1, -1):
             joined, width = width + skips[level], widths[level]
             if level == config.output_level:
-                self.head = nn.Linear(joined, config.descriptor)
+                self.head = Linear(joined, config.descriptor)
                 continue
             self.up.append(Unary(joined, width))
             if config.decoder_blocks:

@@ -13,7 +13,7 @@ from torch import nn
 
 from gcl_core.errors import GclError
 from gcl_core.models.backbone import QUARTER_TURNS, Backbone, BackboneConfig
-from gcl_core.models.blocks import ConvNorm, ResidualBlock
+from gcl_core.models.blocks import ConvNorm, Linear, ResidualBlock
 from gcl_core.ops.kernel_map import KernelShape, build_pyramid
 from gcl_core.ops.quarter_turns import TURNS, QuarterTurnLinear, join_blocks, roll_blocks
 from gcl_core.ops.voxelize import barycentres
@@ -102,7 +102,7 @@ class ResUNet(Backbone[ResUNetConfig, SparseTensor]):
             self.up.append(self._strided(width, out))
             self.decode.append(self._block(out))
             width = out + encoder[last - 1 - step]
-        linear = QuarterTurnLinear if turns else nn.Linear
+        linear = QuarterTurnLinear if turns else Linear
         self.head = nn.Sequential(
             linear(width, config.head, bias=False),
             nn.ReLU(),

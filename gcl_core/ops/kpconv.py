@@ -22,6 +22,7 @@ from jaxtyping import Float, Int32, Int64
 from torch import nn
 
 from gcl_core.ops.native.kpconv import gathered, influence_entries, inverted
+from gcl_core.ops.repeatable import fixed_product
 
 CHUNK_VALUES = 1 << 20  # features gathered at a time: bounds memory, whatever the size of a batch
 INFLUENCE_VALUES = 1 << 18  # distances computed at a time: they stay in the second-level cache
@@ -151,8 +152,9 @@ def convolve(
     """Convolve without a gradient."""
     flat = weight.to(x.dtype).reshape(-1, weight.shape[2])
     out = x.new_empty(felt.num_outputs, weight.shape[2])
+    product = fixed_product(flat)
     for rows, summed in gather(x, felt):
-        out[rows] = summed @ flat
+        out[rows] = product(summed)
     return out
 
 

@@ -18,6 +18,7 @@ from jaxtyping import Float, Int64
 from torch import nn
 
 from gcl_core.ops.kernel_map import KernelMap, KernelShape
+from gcl_core.ops.repeatable import linear
 from gcl_core.ops.sparse_conv import FILL, sparse_conv
 
 TURNS = 4
@@ -114,9 +115,12 @@ class QuarterTurnLinear(nn.Module):
             nn.init.uniform_(self.filters, -(in_channels**-0.5), in_channels**-0.5)
 
     def forward(self, x: Float[torch.Tensor, 'n c_in']) -> Float[torch.Tensor, 'n c_out']:
-        """Multiply every row."""
-        out = x @ expand(self.filters, POINT)[0]
-        return out if self.bias is None else out + self.bias.repeat(TURNS)
+        """Multiply every row; without a gradient the same bits by any number of threads."""
+        weight = expand(self.filters, POINT)[0]
+        bias = None if self.bias is None else self.bias.repeat(TURNS)
+        if not torch.is_grad_enabled():
+            return linear(x, weight, bias)
+        return x @ weight if bias is None else x @ weight + bias
 
 
 class QuarterTurnNorm(nn.BatchNorm1d):

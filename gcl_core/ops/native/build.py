@@ -23,6 +23,7 @@ SOURCES = (
     'octree.cpp',
     'radius.cpp',
     'sparse_conv.cpp',
+    'support.cpp',
     'voxelize.cpp',
 )
 HEADERS = ('product.h',)
