@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+import hashlib
+import json
+from dataclasses import asdict, dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -11,7 +13,7 @@ from jaxtyping import Float
 
 from gcl_core import se3
 from gcl_core.errors import GclError
-from gcl_core.estimation.confidence import THIN, Calibration, load_calibration
+from gcl_core.estimation.confidence import Calibration, MadeWith, load_calibration
 from gcl_core.estimation.decision import (
     Finalist,
     VerifyConfig,
@@ -26,6 +28,7 @@ from gcl_core.estimation.hypothesis import Hypothesis, ranked
 from gcl_core.estimation.likeness import keypoint_grid, raised
 from gcl_core.estimation.refine import Prepared, RefineConfig, prepare
 from gcl_core.estimation.surface import Surface, surface
+from gcl_core.files import sha256
 from gcl_core.matching.match import MatchConfig, match
 from gcl_core.models import zoo
 from gcl_core.ops.native.instructions import held
@@ -43,8 +46,8 @@ class RegistrarConfig:
 
     Attributes:
         weights: `gcl_conv`, `gcl_kpconv` (more right matches, slower), or a file.
-        precision: of the network: `bfloat16`, `float32`, or `auto`: bfloat16 where the processor
-            multiplies it natively.
+        precision: of the network and of the search in feature space: `bfloat16`, `float32`, or
+            `auto`: bfloat16 where one instruction multiplies it.
         turns: headings at which the source is described. The shipped weights bear about 16
             degrees between two scans: 12 find any heading, 1 is for vehicles that face the same
             way.
@@ -98,7 +101,8 @@ class View:
         turns: T_turned_view of each heading; the identity alone where it is a target.
         surface: for checks.
         prepared: for refinement.
-        points: of the scan, or key points that stand in for them.
+        points: number of them, or of the key points that stand in for them.
+        keypoints: whether key points stand in for the scan's own.
     """
 
     T_view_lidar: Float[np.ndarray, '4 4']
@@ -107,17 +111,39 @@ class View:
     surface: Surface
     prepared: Prepared
     points: int
+    keypoints: bool = False
+
+
+def with_key_points(source: View, target: View) -> bool:
+    """Whether key points stand in for a scan of a pair."""
+    return source.keypoints or target.keypoints
 
 
 def thinner(source: View, target: View) -> int:
-    """Points of the thinner scan of a pair."""
-    return min(source.points, target.points)
+    """Points of the thinner scan of a pair; `SWEEP` where key points tell nothing of a sensor."""
+    return SWEEP if with_key_points(source, target) else min(source.points, target.points)
+
+
+def settings_hash(config: RegistrarConfig) -> str:
+    """Tells apart what a calibration depends on, from matches to refined transforms."""
+    estimator = {'name': config.estimator.name} | asdict(
+        getattr(config.estimator, config.estimator.name)
+    )
+    refinement = asdict(config.refine)
+    for settings, indifferent in ((estimator, 'seed'), (refinement, 'threads')):
+        settings.pop(indifferent, None)
+    held = [asdict(config.match), estimator, asdict(config.verify), refinement]
+    return hashlib.sha256(json.dumps(held, sort_keys=True).encode()).hexdigest()
 
 
 def undescribed(
-    cloud: PointCloud, T_view_lidar: Float[np.ndarray, '4 4'], config: RefineConfig
+    cloud: PointCloud,
+    T_view_lidar: Float[np.ndarray, '4 4'],
+    config: RefineConfig,
+    *,
+    keypoints: bool = False,
 ) -> View:
-    """All of a view that does not depend on headings.
+    """All of a view that does not depend on headings; `keypoints` says what the cloud is of.
 
     Raises:
         GclError: no point lies within 80 m.
@@ -130,6 +156,7 @@ def undescribed(
         surface=surface(cloud),
         prepared=prepare(cloud, config),
         points=len(cloud),
+        keypoints=keypoints,
     )
 
 
@@ -141,6 +168,27 @@ class Registrar:
         self.model = zoo.load_weights(self.config.weights)
         self.model.dtype = zoo.dtype_named(self.config.precision)
         self.calibrations = load_calibration(zoo.calibration_file(self.config.weights))
+        self._weights = sha256(zoo.weights_file(self.config.weights))
+
+    @property
+    def made_with(self) -> MadeWith:
+        """What a calibration has to be made with to hold for this registrar."""
+        return MadeWith(self._weights, settings_hash(self.config))
+
+    @property
+    def uncalibrated(self) -> str:
+        """Why probabilities are not those of these weights and settings; empty if they are."""
+        held = self.calibrations.made_with
+        if held == self.made_with:
+            return ''
+        if held is None or held.weights != self._weights:
+            what = f'weights {self.config.weights!r} have no calibration of their own'
+        else:
+            what = 'match, estimator, verify or refine are not as in the calibration'
+        return (
+            f'uncalibrated: {what}, probabilities may be far off; '
+            'run `python -m gcl_core.evaluation.calibrate`'
+        )
 
     @property
     def engine(self) -> str:
@@ -179,6 +227,7 @@ class Registrar:
         Raises:
             GclError: no point lies within the network's range.
         """
+        PointCloud.check(cloud)
         known = known or self._undescribed(cloud)
         yaws = [yaw + 2 * np.pi * k / turns for k in range(turns)]
         matrices = [se3.from_xyz_rpy(yaw=yaw) for yaw in yaws]
@@ -194,6 +243,7 @@ class Registrar:
         )
 
     def _undescribed(self, cloud: PointCloud) -> View:
+        PointCloud.check(cloud)
         return undescribed(cloud, self.model.facing(cloud), self.config.refine)
 
     def views(self, *, source: PointCloud, target: PointCloud) -> tuple[View, View]:
@@ -219,6 +269,8 @@ class Registrar:
         self, *, source: PointCloud, target: PointCloud
     ) -> tuple[Registration, View, View]:
         """Register; also return source and target as they were described, for pictures."""
+        PointCloud.check(source, 'source')
+        PointCloud.check(target, 'target')
         watch = Stopwatch()
         with watch('describe'):
             seen = self.view(target)
@@ -236,7 +288,10 @@ class Registrar:
         self, *, source: View, target: View, watch: Stopwatch | None = None
     ) -> Registration:
         """Register scans that were prepared by `view`, the source at all headings."""
-        watch = watch or Stopwatch()
+        result = self._register_views(source, target, watch or Stopwatch())
+        return replace(result, calibrated=not self.uncalibrated)
+
+    def _register_views(self, source: View, target: View, watch: Stopwatch) -> Registration:
         few = min(len(source.headings[0]), len(target.headings[0]))
         if few < FEWEST_KEY_POINTS:
             reason = f'a scan has {few} key points, {FEWEST_KEY_POINTS} needed'
@@ -267,7 +322,7 @@ class Registrar:
 
     def calibration(self, *, source: View, target: View) -> Calibration:
         """Fitted numbers for a pair: key points show less than a scan."""
-        return self.calibrations.of(thinner(source, target))
+        return self.calibrations.of(keypoints=with_key_points(source, target))
 
     def search(
         self, *, source: View, target: View, watch: Stopwatch
@@ -289,14 +344,13 @@ class Registrar:
 
     def scene(self, *, source: View, target: View) -> Scene:
         """What hypotheses about a pair are checked against."""
-        points = thinner(source, target)
         return Scene(
             source=source.surface,
             target=target.surface,
             headings=[raised(features) for features in source.headings],
             turns=source.turns,
             keypoints=keypoint_grid(target.headings[0]),
-            points=points if points >= THIN else SWEEP,
+            points=thinner(source, target),
         )
 
     def finalists(
@@ -391,7 +445,8 @@ def search_headings(
     found, offered = [], 0
     for features, T_turned_source in zip(headings, turns, strict=True):
         with watch('match'):
-            matches = match(source=features, target=target, config=config.match)
+            dtype = zoo.dtype_named(config.precision)
+            matches = match(source=features, target=target, config=config.match, dtype=dtype)
         offered += len(matches)
         with watch('estimate'):
             for h in estimate(matches, config.estimator, max_yaw=max_yaw):

@@ -61,6 +61,27 @@ class PointCloud:
             raise GclError(f'{name}: none of its {len(points)} points is finite; check the sensor')
         return PointCloud(points if finite.all() else points[finite], name)
 
+    @staticmethod
+    def check(cloud: object, name: str = 'cloud') -> None:
+        """Refuse what is no cloud.
+
+        Raises:
+            GclError: says how to make one.
+        """
+        points = getattr(cloud, 'points', None) if isinstance(cloud, PointCloud) else cloud
+        shape = getattr(points, 'shape', ())
+        plain = isinstance(points, np.ndarray) and points.ndim == 2 and points.shape[1] == 3
+        if not (isinstance(cloud, PointCloud) and plain):
+            held = (
+                f'{type(points).__name__} of shape {tuple(shape)}'
+                if shape
+                else type(points).__name__
+            )
+            raise GclError(
+                f'{name}: expected a PointCloud, got {held}; make one of an (n, 3) array of '
+                'metres by PointCloud.from_array(points)'
+            )
+
 
 @dataclass(frozen=True)
 class SparseTensor:
@@ -181,6 +202,8 @@ class Registration:
         probability: that it is right within 0.6 m and 1.5 degrees, as calibrated.
         covariance: of x, y, z, rot_x, rot_y, rot_z (metres and radians, ROS's order) about the
             target's axes, if it is right; None without a transform or where refinement failed.
+        calibrated: whether the calibration was made with these weights and settings. If not, the
+            probability is that of others and may be far off.
     """
 
     T_target_source: Float[np.ndarray, '4 4'] | None
@@ -191,3 +214,4 @@ class Registration:
     accepted: bool = False
     probability: float = 0.0
     covariance: Float[np.ndarray, '6 6'] | None = None
+    calibrated: bool = True

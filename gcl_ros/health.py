@@ -139,14 +139,16 @@ class Health:
 
     def _of_last(self, last: Outcome, limits: Limits) -> list[str]:
         """What is odd about the last pair."""
-        streams = self.streams.values()
+        streams, odd = self.streams.values(), []
+        if not last.result.calibrated:
+            odd.append('uncalibrated: probabilities are those of other weights or settings')
         if not last.result.accepted:
-            return [f'no transform: {last.result.reason}']
+            return [f'no transform: {last.result.reason}', *odd]
         if last.age <= limits.max_age or any(s.clock(limits.max_age) for s in streams):
-            return []
+            return odd
         lag = max(stream.lag for stream in streams)
         before = f', {lag:.2f} of it before its clouds came' if lag > SLOW else ''
-        return [f'transform {last.age:.2f} s old, {limits.max_age:g} wanted{before}']
+        return [f'transform {last.age:.2f} s old, {limits.max_age:g} wanted{before}', *odd]
 
     def figures(self, now: float, counts: Counts) -> dict[str, str]:
         """Every figure by its key."""
@@ -183,6 +185,7 @@ def _figures_of(outcome: Outcome) -> Mapping[str, object]:
         'inliers': result.inliers,
         'correspondences': result.correspondences,
         'probability': f'{result.probability:.4f}',
+        'calibrated': result.calibrated,
         'reason withheld': result.reason,
     }
     if result.accepted and result.T_target_source is not None:

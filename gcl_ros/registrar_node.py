@@ -158,6 +158,8 @@ class RegistrarNode(ConfiguredNode[NodeConfig]):
         ]
         engine = self._exchange.registrar.engine
         self.get_logger().info(f'ready; weights {config.registrar.weights}, {engine}')
+        if why := self._exchange.registrar.uncalibrated:
+            self.get_logger().warning(why)
 
     def end(self) -> None:
         """Unsubscribe and let the worker finish its pair, which is not published any more."""
@@ -280,7 +282,8 @@ def describe(result: Registration) -> str:
     """One line on an outcome."""
     if not result.accepted:
         return f'no transform: {result.reason}'
-    return f'{result.inliers} inliers, probability {result.probability:.3f}'
+    mark = '' if result.calibrated else ' (uncalibrated)'
+    return f'{result.inliers} inliers, probability {result.probability:.3f}{mark}'
 
 
 def main() -> None:

@@ -107,7 +107,10 @@ class Views:
         views = self._kept.get((scan, config), dict[Look, View])
         if look not in views:
             last = next(reversed(views.values()), None)
-            known = last or undescribed(scan.cloud, scan.T_view_lidar, config.refine)
+            described = scan.described is not None
+            known = last or undescribed(
+                scan.cloud, scan.T_view_lidar, config.refine, keypoints=described
+            )
             views[look] = self._make(scan, look, known)
         return views[look]
 

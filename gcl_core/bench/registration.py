@@ -72,8 +72,8 @@ def stages(
     """Each stage by itself, on what the stages before it gave."""
     config = registrar.config
     views = {'source': registrar.view(source), 'target': registrar.view(target)}
-    few = {name: choose(view.headings[0], KEY_POINTS) for name, view in views.items()}
-    matches = match(**few, config=config.match)
+    few, other = (choose(views[side].headings[0], KEY_POINTS) for side in ('source', 'target'))
+    matches = match(source=few, target=other, config=config.match)
     hypotheses, _ = registrar.search(**views, watch=Stopwatch())
     scene = registrar.scene(**views)
     examined = examine(hypotheses, scene, config.verify)
@@ -82,7 +82,7 @@ def stages(
         'describe': lambda: registrar.model.describe([source]),
         'surface': lambda: surface(source),
         'prepare': lambda: prepare(source, config.refine),
-        'match': lambda: match(**few, config=config.match),
+        'match': lambda: match(source=few, target=other, config=config.match),
         'estimate': lambda: estimate(matches, config.estimator, max_yaw=registrar.max_heading(1)),
         'verify': lambda: examine(hypotheses, registrar.scene(**views), config.verify),
         'refine': lambda: registrar.finalists(hypotheses, odds, scene, **views),

@@ -91,6 +91,7 @@ def _summary(result: Registration, layouts: dict[str, BinLayout | None]) -> dict
         'T_target_source': result.T_target_source,
         'accepted': result.accepted,
         'probability': result.probability,
+        'calibrated': result.calibrated,
         'covariance': result.covariance,
         'inliers': result.inliers,
         'ms': result.ms,
@@ -109,7 +110,8 @@ def _text(result: Registration) -> str:
             f'T_target_source\n{T}\n'
             f'distance  {np.linalg.norm(T[:3, 3]):.2f} m, yaw {np.rad2deg(se3.yaw(T)):.2f} deg\n'
             f'{_accuracy(result)}'
-            f'right     with probability {result.probability:.4f}; {verdict}\n'
+            f'right     with probability {result.probability:.4f}'
+            f'{"" if result.calibrated else " (uncalibrated)"}; {verdict}\n'
             f'inliers   {result.inliers} of {result.correspondences}\nms        {times}'
         )
 

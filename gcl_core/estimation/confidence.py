@@ -23,7 +23,6 @@ from gcl_core.files import write_text
 REMEDY = 'write it with `python -m gcl_core.evaluation.calibrate`'
 TRUST_COLUMNS = 3  # see `decision.summary`
 LEAST_RESIDUAL = 0.02  # the residual of a noise-free sensor is not less
-THIN = 6000  # points; a feature cloud has at most 5,000, a sweep of 16 beams five times as many
 
 
 @dataclass(frozen=True)
@@ -142,20 +141,35 @@ class Calibration:
 
 
 @dataclass(frozen=True)
+class MadeWith:
+    """What a calibration was made with; it holds for nothing else.
+
+    Attributes:
+        weights: SHA-256 of their file.
+        settings: hash of what happens between description and judgement.
+    """
+
+    weights: str
+    settings: str
+
+
+@dataclass(frozen=True)
 class Calibrations:
     """What comes with weights.
 
     Attributes:
         whole: for two scans.
         thin: where key points stand in for a scan.
+        made_with: None if nothing tells.
     """
 
     whole: Calibration
     thin: Calibration
+    made_with: MadeWith | None = None
 
-    def of(self, points: int) -> Calibration:
-        """The one for pairs whose thinner side has so many points."""
-        return self.thin if points < THIN else self.whole
+    def of(self, *, keypoints: bool) -> Calibration:
+        """The one for pairs of scans, or with key points on a side."""
+        return self.thin if keypoints else self.whole
 
 
 def load_calibration(path: Path) -> Calibrations:

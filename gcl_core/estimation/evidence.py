@@ -28,6 +28,7 @@ SIGNS = {  # whether more of it speaks for a hypothesis or against
 COLUMNS = tuple(SIGNS)
 NO_CONFLICT = 0.01  # share of conflict below which less says little more: noise, traffic
 SWEEP = 100_000  # points, about which `log_points` counts
+SPARSEST = 6000  # points; judges were fitted on no sparser scan, and are not stretched to one
 
 
 @dataclass(frozen=True)
@@ -91,7 +92,7 @@ def evidence(
             met.log1p(),
             support.float().log1p(),
             (fit.conflict + NO_CONFLICT).log(),
-            torch.full((len(T),), math.log(scene.points / SWEEP)),
+            torch.full((len(T),), math.log(max(scene.points, SPARSEST) / SWEEP)),
         ],
         1,
     )

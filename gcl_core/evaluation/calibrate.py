@@ -16,7 +16,7 @@ import numpy as np
 import torch
 
 from gcl_core.errors import GclError, bad_input_exits
-from gcl_core.estimation.confidence import THIN, Calibration, Calibrations, Stage, save_calibration
+from gcl_core.estimation.confidence import Calibration, Calibrations, Stage, save_calibration
 from gcl_core.estimation.evidence import SIGNS
 from gcl_core.estimation.fit_judges import fit_choice, fit_judge, fit_trust
 from gcl_core.evaluation.encounters import encounters, few_turns
@@ -108,14 +108,13 @@ def lowest_right(trials: list[Trial], calibration: Calibration) -> float:
 
 def fit_both(trials: list[Trial], start: Calibrations) -> Calibrations:
     """Fit the judges of whole scans and of key points, each on its own trials."""
-    whole, thin = by_thickness(trials)
+    whole, thin = by_kind(trials)
     return Calibrations(fit(whole, start.whole), fit(thin, start.thin))
 
 
-def by_thickness(trials: list[Trial]) -> tuple[list[Trial], list[Trial]]:
+def by_kind(trials: list[Trial]) -> tuple[list[Trial], list[Trial]]:
     """Trials of whole scans, and those with key points on a side."""
-    thin = [t for t in trials if t.points < THIN]
-    return [t for t in trials if t.points >= THIN], thin
+    return [t for t in trials if not t.keypoints], [t for t in trials if t.keypoints]
 
 
 def main() -> None:
@@ -154,7 +153,8 @@ def run(o: Any) -> None:
         'trials': len(everything),
         'cross_validated': figures.splitlines(),
     }
-    save_calibration(out, fit_both(everything, registrar.calibrations), record)
+    fitted = replace(fit_both(everything, registrar.calibrations), made_with=registrar.made_with)
+    save_calibration(out, fitted, record)
     print(f'wrote {out}')
 
 
@@ -167,7 +167,7 @@ def cross_validated(worlds: list[list[Trial]], start: Calibrations) -> str:
     for fold in range(FOLDS):
         fitted = fit_both([t for f, w in zip(folds, worlds) if f != fold for t in w], start)
         own = [t for f, w in zip(folds, worlds) if f == fold for t in w]
-        parts = zip(by_thickness(own), (fitted.whole, fitted.thin), strict=True)
+        parts = zip(by_kind(own), (fitted.whole, fitted.thin), strict=True)
         for k, (trials, calibration) in enumerate(parts):
             if trials:
                 seen[k] += trials

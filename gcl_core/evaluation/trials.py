@@ -14,13 +14,14 @@ from safetensors import safe_open
 from safetensors.torch import save_file
 
 from gcl_core import se3
+from gcl_core.errors import GclError
 from gcl_core.estimation.decision import Finalist, examine, nothing_fits
 from gcl_core.estimation.refine import Refined, prepare
 from gcl_core.estimation.surface import surface
 from gcl_core.evaluation import metrics
 from gcl_core.files import whole_file
 from gcl_core.matching.keypoints import selected
-from gcl_core.registrar import Registrar, View, thinner
+from gcl_core.registrar import Registrar, View, with_key_points
 from gcl_core.stopwatch import Stopwatch
 from gcl_core.types import Features, PointCloud
 
@@ -34,7 +35,7 @@ class Trial:
     Attributes:
         kind: where the pair comes from.
         distance: between the sensors, metres; inf for unrelated places.
-        points: of the thinner side.
+        keypoints: whether they stand in for a scan of a side.
         columns: evidence on each hypothesis as estimated.
         right: whether it lies within 2 m and 5 degrees of the truth.
         finalists: as refined; none where nothing was worth refining.
@@ -44,7 +45,7 @@ class Trial:
 
     kind: str
     distance: float
-    points: int
+    keypoints: bool
     columns: Float[torch.Tensor, 'h 10']
     right: Bool[torch.Tensor, ' h']
     finalists: list[Finalist]
@@ -86,6 +87,7 @@ def thinned(registrar: Registrar, view: View, limit: int) -> View:
         surface=surface(cloud),
         prepared=prepare(cloud, registrar.config.refine),
         points=len(cloud),
+        keypoints=True,
     )
 
 
@@ -118,7 +120,7 @@ def run_trial(
     return Trial(
         kind=kind,
         distance=np.inf if T_true is None else float(np.linalg.norm(T_true[:3, 3])),
-        points=thinner(source, target),
+        keypoints=with_key_points(source, target),
         columns=columns,
         right=torch.tensor(right),
         finalists=finalists,
@@ -142,7 +144,7 @@ def save_trials(path: Path, trials: Iterable[Trial]) -> None:
     """Write trials to a safetensors file."""
     tensors, kinds = {}, []
     for i, trial in enumerate(trials):
-        kinds.append((trial.kind, trial.distance, trial.points))
+        kinds.append((trial.kind, trial.distance, trial.keypoints))
         tensors[f'{i}/columns'], tensors[f'{i}/right'] = trial.columns.contiguous(), trial.right
         tensors[f'{i}/errors'] = trial.errors
         for k, f in enumerate(trial.finalists):
@@ -157,11 +159,17 @@ def save_trials(path: Path, trials: Iterable[Trial]) -> None:
 
 
 def load_trials(path: Path) -> list[Trial]:
-    """Read what `save_trials` wrote."""
+    """Read what `save_trials` wrote.
+
+    Raises:
+        GclError: another version wrote it.
+    """
     with safe_open(path, framework='pt') as file:
         get = file.get_tensor
         trials = []
-        for i, (kind, distance, points) in enumerate(json.loads(file.metadata()['kinds'])):
+        for i, (kind, distance, keypoints) in enumerate(json.loads(file.metadata()['kinds'])):
+            if not isinstance(keypoints, bool):
+                raise GclError(f'{path} is of another version; remove it to collect it anew')
             errors, finalists = get(f'{i}/errors'), []
             for k in range(len(errors)):
                 inliers, row, walked, residual = get(f'{i}/{k}/numbers').tolist()
@@ -173,7 +181,7 @@ def load_trials(path: Path) -> list[Trial]:
                 Trial(
                     kind=kind,
                     distance=distance,
-                    points=points,
+                    keypoints=keypoints,
                     columns=get(f'{i}/columns'),
                     right=get(f'{i}/right'),
                     finalists=finalists,

@@ -9,7 +9,7 @@ import torch
 
 from gcl_core import se3
 from gcl_core.errors import GclError
-from gcl_core.estimation.confidence import THIN, Spread, load_calibration
+from gcl_core.estimation.confidence import Spread, load_calibration
 from gcl_core.estimation.decision import Finalist, summary
 from gcl_core.estimation.evidence import SIGNS
 from gcl_core.estimation.refine import Refined
@@ -52,7 +52,7 @@ def finalist(rng, right, row, residual):
     return Finalist(refined, torch.from_numpy(columns).float(), 30, row, rivals)
 
 
-def made_up(count, seed=0, points=50_000):
+def made_up(count, seed=0, keypoints=False):
     """Trials whose errors grow with the residual, with a right one in every two."""
     rng = np.random.default_rng(seed)
     trials = []
@@ -68,7 +68,7 @@ def made_up(count, seed=0, points=50_000):
             Trial(
                 kind=('street', 'repeated', 'unrelated')[i % 3],
                 distance=20.0,
-                points=points,
+                keypoints=keypoints,
                 columns=torch.stack([f.columns for f in finalists]),
                 right=torch.tensor([right, False]),
                 finalists=finalists,
@@ -109,7 +109,7 @@ def test_trials_survive_a_file(tmp_path):
         assert torch.equal(a.columns, b.columns)
         assert torch.equal(a.errors, b.errors)
         assert torch.equal(a.strict, b.strict)
-        assert a.points == b.points
+        assert a.keypoints == b.keypoints
         assert torch.equal(a.finalists[1].rivals, b.finalists[1].rivals)
         assert (a.finalists[1].row, b.finalists[1].row) == (1, 1)
         assert a.finalists[0].refined.residual == b.finalists[0].refined.residual
@@ -122,7 +122,7 @@ def test_command_writes_a_calibration_that_loads(tmp_path, capsys):
     folder = tmp_path / sha256(zoo.weights_file(RegistrarConfig().weights))[:12]
     folder.mkdir()
     for number in range(6):
-        trials = [*made_up(60, seed=number), *made_up(60, seed=number, points=1000)]
+        trials = [*made_up(60, seed=number), *made_up(60, seed=number, keypoints=True)]
         save_trials(folder / f'world_{number:05d}.safetensors', trials)
     options = argparse.Namespace(
         weights=RegistrarConfig().weights,
@@ -135,7 +135,9 @@ def test_command_writes_a_calibration_that_loads(tmp_path, capsys):
     )
     calibrate.run(options)
     assert 'wrote' in capsys.readouterr().out
-    assert load_calibration(tmp_path / 'own.calibration.json').thin.spread.factor > 0
+    written = load_calibration(tmp_path / 'own.calibration.json')
+    assert written.thin.spread.factor > 0
+    assert written.made_with == Registrar().made_with
     options.trials, options.worlds = tmp_path / 'empty', 0
     with pytest.raises(GclError, match='0 worlds of trials'):
         calibrate.run(options)
@@ -207,8 +209,8 @@ def test_roughening_keeps_the_scan(drive):
 
 def test_shipped_calibration_is_sane():
     calibrations = load_calibration(zoo.calibration_file(RegistrarConfig().weights))
-    assert calibrations.of(THIN) is calibrations.whole
-    assert calibrations.of(THIN - 1) is calibrations.thin
+    assert calibrations.of(keypoints=False) is calibrations.whole
+    assert calibrations.of(keypoints=True) is calibrations.thin
     for calibration in (calibrations.whole, calibrations.thin):
         for stage in (calibration.estimated, calibration.refined):
             for judge in (stage.fit, stage.choice):

@@ -5,6 +5,7 @@ import pytest
 
 from gcl_core.types import Registration
 from gcl_ros.health import OK, WARN, Health, Outcome
+from gcl_ros.pairing import Counts
 from gcl_ros.streams import HANGS, Limits
 
 CLOCK = 1.7e9
@@ -56,3 +57,13 @@ def test_a_slow_node_and_stamps_of_another_clock_are_told_apart(behind, age, lev
     assert found[0] == level
     assert found[1] == message or (message.endswith(': ') and found[1].startswith(message))
     assert ('old' in found[1]) == ('old' in message)
+
+
+def test_a_probability_of_other_weights_is_a_warning_and_a_figure():
+    health = heard()
+    for calibrated in (True, False):
+        result = Registration(np.eye(4), 100, 200, accepted=True, calibrated=calibrated)
+        health.done(Outcome(result, 0.3, dt=0.0, headings=1))
+        level, message = health.judge(0.0, LIMITS, 0.0)
+        assert (level, 'uncalibrated' in message) == ((OK, False) if calibrated else (WARN, True))
+        assert health.figures(0.0, Counts())['calibrated'] == str(calibrated)
