@@ -36,7 +36,7 @@ class DeskewedSequence:
             sweep is none of a LiDAR.
     """
 
-    def __init__(self, drive: Sequence, times: Float[np.ndarray, 'n'], *, sweep: float) -> None:
+    def __init__(self, drive: Sequence, times: Float[np.ndarray, ' n'], *, sweep: float) -> None:
         self.name = f'{drive.name}, de-skewed'
         self._drive, self._times, self._sweep = drive, times, sweep
         if not 0 < abs(sweep) <= LONGEST_SWEEP:

@@ -11,7 +11,7 @@ from gcl_core.data.clouds import FORMATS, CloudReader
 from gcl_core.data.eth import EthSequence
 from gcl_core.data.folder import FolderSequence
 from gcl_core.data.kitti import KittiSequence
-from gcl_core.data.nuscenes import read_logs, versions
+from gcl_core.data.nuscenes import NuScenesSequence, read_logs, versions
 from gcl_core.data.sequence import Sequence
 from gcl_core.errors import GclError
 

@@ -77,7 +77,7 @@ class KittiSequence:
         """Pose of the LiDAR; the first scan of the drive is near the identity."""
         return self._poses[index]
 
-    def times(self) -> Float[np.ndarray, 'n']:
+    def times(self) -> Float[np.ndarray, ' n']:
         """Seconds of each scan, from `times.txt`.
 
         Raises:
