@@ -27,6 +27,14 @@ test-aarch64: install
 	$(BIN)/python -m pytest test/gcl_core/test_native.py test/gcl_core/test_kpconv.py \
 		test/gcl_core/test_neighbors.py test/gcl_core/test_voxelize.py test/gcl_core/test_support.py -k emulated
 
+# The lowest versions that setup.py allows, in an environment of their own.  Python 3.10 or 3.11.
+test-lowest:
+	sh .ci/debian-packages
+	test -d build/lowest || $(PYTHON) -m venv build/lowest
+	build/lowest/bin/pip install -q --disable-pip-version-check -c constraints-lowest.txt \
+		-e . pytest hypothesis argcomplete tensorboard
+	build/lowest/bin/python -m pytest test/gcl_core
+
 browser:  # the report is opened in it
 	sh .ci/debian-packages test
 

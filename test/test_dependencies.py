@@ -40,6 +40,7 @@ def setup():
     )
     return {
         'install': names(ast.literal_eval(told['install_requires'])),
+        'requirements': ast.literal_eval(told['install_requires']),
         'version': told['version'].value,
         'license': told['license'].value,
         'python': told['python_requires'].value,
@@ -74,6 +75,32 @@ def test_constraints_pin_what_is_installed(setup):
     pins = [line for line in lines if line and not line.startswith('#')]
     assert all('==' in pin for pin in pins)
     assert names(pins) <= setup['install']
+
+
+def test_the_lowest_constraints_are_what_setup_allows(setup):
+    """`make test-lowest` installs them: a lower bound that is not tried is a guess."""
+    lines = (ROOT / 'constraints-lowest.txt').read_text().splitlines()
+    pins = {line for line in lines if not line.startswith('#')}
+    bounds = (line.split(';')[0].strip() for line in setup['requirements'])
+    assert pins == {line.replace('>=', '==') for line in bounds if not line.startswith('open3d>')}
+
+
+def private(path):
+    """Attributes of torch that are its own business."""
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Attribute) and node.attr.startswith('_'):
+            whole = ast.unparse(node)
+            if whole.startswith('torch.') and not node.attr.startswith('__'):
+                yield whole
+
+
+@pytest.mark.parametrize('package', ['gcl_core', 'gcl_ros'])
+def test_nothing_private_of_torch_is_used(package):
+    """It comes and goes between the versions that setup.py allows."""
+    found = {
+        (path.name, name) for path in (ROOT / package).rglob('*.py') for name in private(path)
+    }
+    assert found == set()
 
 
 def modules(path):
