@@ -57,8 +57,9 @@ setup(
         'rosbags>=0.11',
     ],
     extras_require={
-        # rclpy from PyPI, for machines without a ROS 2 installation
+        # rclpy from PyPI, for machines without a ROS 2 installation: one of the two
         'ros': [f'ros-kilted-{package}' for package in ROS_PACKAGES],
+        'ros-jazzy': [f'ros-jazzy-{package}' for package in ROS_PACKAGES],
         'test': [
             'pytest>=7',
             'hypothesis>=6',
@@ -81,8 +82,8 @@ setup(
     },
     entry_points={
         'console_scripts': [
-            'registrar = gcl_ros.registrar_node:main',
-            'describer = gcl_ros.describer_node:main',
+            'registrar = gcl_ros.registrar:main',
+            'describer = gcl_ros.describer:main',
             'replay = gcl_ros.replay:main',
             'evaluate_bag = gcl_ros.evaluate_bag:main',
             'gcl = gcl_core.cli.main:main',

@@ -27,7 +27,9 @@ from gcl_core.evaluation import metrics
 from gcl_ros.bench_stream import make, there_and_back
 from gcl_ros.conversions import matrix, seconds
 from gcl_ros.pairing import SIDES
-from gcl_ros.session import local_dds, process
+from gcl_ros.session import process
+from gcl_ros.startup import running_ros
+from gcl_ros.transport import keep_local
 from gcl_ros.usage import growth, usage
 
 READY = 300.0  # seconds that a loaded machine may take to start the node, and the streams
@@ -113,14 +115,14 @@ def measure(folder: Path, minutes: float, rate: float, offset: float, settings: 
         settings: `NAME:=VALUE` for the node.
     """
     make(folder)
-    local_dds()
+    keep_local()
     namespace = f'bench_{os.getpid()}'
     ros = ['--ros-args', '-r', f'__ns:=/{namespace}']
     parameters = [part for setting in settings for part in ('-p', setting)]
     record, period = Record(), 1.0 if minutes <= 2 else 10.0
-    with rclpy.init(), ExitStack() as running:
+    with running_ros(), ExitStack() as running:
         watcher = Watcher(record, namespace)
-        node = running.enter_context(process('registrar_node', [*ros, *parameters], folder))
+        node = running.enter_context(process('registrar', [*ros, *parameters], folder))
         idle = _idle(watcher, node.pid)
         record.watched.clear()
         begin = time.time()
@@ -149,7 +151,7 @@ def _idle(watcher: Watcher, pid: int) -> float:
     until = time.monotonic() + READY
     while watcher.record.figures.get('state') != 'active':
         if time.monotonic() > until:
-            raise GclError(f'the node was not active within {READY:.0f} s; see registrar_node.log')
+            raise GclError(f'the node was not active within {READY:.0f} s; see registrar.log')
         rclpy.spin_once(watcher, timeout_sec=0.1)
     watch(watcher, pid, 2.0, 2.0)
     first = usage(pid)

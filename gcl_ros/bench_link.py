@@ -22,6 +22,7 @@ from pathlib import Path
 import numpy as np
 import rclpy
 import torch
+from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import PointCloud2, PointField
@@ -31,6 +32,8 @@ from gcl_core.types import Features
 from gcl_ros.conversions import fill_point_cloud2, seconds
 from gcl_ros.feature_cloud import Described, fill_feature_cloud
 from gcl_ros.playback import wait_for_subscribers
+from gcl_ros.startup import running_ros
+from gcl_ros.transport import READS
 
 POINTS = 120_000
 KEYPOINTS = (250, 1000, 5000)
@@ -147,7 +150,8 @@ def measure(out: Path, mbit: float, number: int) -> list[Row]:
     received, blocked = out / 'received.json', out / 'blocked.json'
     environment = {**os.environ, 'FASTDDS_BUILTIN_TRANSPORTS': 'UDPv4'}
     environment |= {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET'}
-    environment.pop('FASTDDS_DEFAULT_PROFILES_FILE', None)
+    for key in READS.values():
+        environment.pop(key, None)
     with slow_link(mbit) as names:
 
         def end(where: str, *role: str) -> subprocess.Popen[bytes]:
@@ -197,10 +201,10 @@ def main() -> None:
     parser.add_argument('--send', type=Path, help=argparse.SUPPRESS)
     parser.add_argument('--receive', type=Path, help=argparse.SUPPRESS)
     o = parser.parse_args()
-    ended = suppress(KeyboardInterrupt, rclpy.executors.ExternalShutdownException)
+    ended = suppress(KeyboardInterrupt, ExternalShutdownException)
     with ended, bad_input_exits('bench_link'):
         if o.send or o.receive:
-            with rclpy.init():
+            with running_ros():
                 send(o.number, o.send) if o.send else receive(o.receive)
             return
         found = measure(o.out, o.mbit, o.number)

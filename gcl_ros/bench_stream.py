@@ -15,18 +15,17 @@ import time
 from pathlib import Path
 
 import numpy as np
-import rclpy
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from rclpy.signals import SignalHandlerOptions
-from rclpy.utilities import remove_ros_args
 from sensor_msgs.msg import PointCloud2, PointField
 
 from gcl_core import se3
 from gcl_core.data.simulator.sequence import SimulatedSequence
 from gcl_ros.conversions import fill_point_cloud2
 from gcl_ros.pairing import SIDES, Side
+from gcl_ros.program import own_arguments
+from gcl_ros.startup import running_ros
 
 WORLD, KIND = 11, 'mixed'  # a street that training never sees
 FAR, NEAR = 45.0, 8.0  # metres apart at the start and at the turn
@@ -109,12 +108,12 @@ def main() -> None:
     parser.add_argument('folder', type=Path, help='with the scans')
     parser.add_argument('--begin', type=float, required=True, help='first stamp, system seconds')
     parser.add_argument('--rate', type=float, default=10.0, help='Hz')
-    o = parser.parse_args(remove_ros_args(sys.argv)[1:])
+    o = parser.parse_args(own_arguments(sys.argv[1:]))
     stop = threading.Event()
     for signal_number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(signal_number, lambda *_: stop.set())
     qos = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-    with rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO):
+    with running_ros(own_handlers=True):
         node = Node(f'{o.side}_driver')
         publisher = node.create_publisher(PointCloud2, f'{o.side}/points', qos)
         stream(publisher, messages(o.folder, o.side), o.begin, o.rate, stop)

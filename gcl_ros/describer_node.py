@@ -23,7 +23,7 @@ from gcl_ros import health, transport
 from gcl_ros.conversions import point_cloud
 from gcl_ros.diagnostics import Diagnostics, Report
 from gcl_ros.feature_cloud import describe, fill_feature_cloud, weights_hash
-from gcl_ros.lifecycle import ConfiguredNode, run
+from gcl_ros.lifecycle import ConfiguredNode
 from gcl_ros.limits import MAX_POINTS, check_limits
 from gcl_ros.rhythm import Throttle
 from gcl_ros.wire import header_of, subscribe
@@ -81,7 +81,7 @@ class DescriberNode(ConfiguredNode[DescriberConfig]):
         self._hash = weights_hash(self._model)
         self._publisher = self.create_publisher(PointCloud2, 'features', 1)
         rmw = rclpy.get_rmw_implementation_identifier()
-        if lost := transport.warning(rmw, reliable=config.reliable):
+        if lost := transport.warning(rmw, reliable=config.reliable, key=transport.profile_key()):
             self.get_logger().warning(lost)
 
     def begin(self) -> None:
@@ -157,12 +157,3 @@ class DescriberNode(ConfiguredNode[DescriberConfig]):
         if silent > self.config.silence:
             return health.WARN, f'points silent for {silent:.1f} s'
         return health.OK, 'describing'
-
-
-def main() -> None:
-    """Run the node until Ctrl-C or SIGTERM."""
-    run(DescriberNode)
-
-
-if __name__ == '__main__':
-    main()

@@ -6,7 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from gcl_core.cli.outcome import Answer, run_command, say
+from gcl_core.cli.outcome import Answer, loading, run_command, say
 from gcl_core.cli.parsers.choices import PEERS
 from gcl_core.cli.parsers.form import add_json, form, parsed
 from gcl_core.cli.parsers.quantities import count, positive
@@ -63,7 +63,8 @@ def _run() -> int:
 
 
 def _answer(options: argparse.Namespace) -> Answer:
-    from gcl_ros.bag_evaluation import run  # only now: rclpy, torch and Open3D take seconds
+    with loading():
+        from gcl_ros.bag_evaluation import run  # only now: rclpy, torch and Open3D take seconds
 
     return Answer(run(options))
 

@@ -2,26 +2,22 @@
 
 from __future__ import annotations
 
-import re
 import signal
-import sys
 import threading
-from collections.abc import Callable
-from pathlib import Path
+from collections.abc import Callable, Sequence
 from typing import Any, Generic, TypeVar
 
-import rclpy
+from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.msg import SetParametersResult
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
+from rclpy.clock import Clock, ClockType
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
-from rclpy.signals import SignalHandlerOptions
 
-from gcl_core.errors import GclError, bad_input_exits
+from gcl_core.errors import GclError
 from gcl_core.ops.memory import keep_freed_memory
 from gcl_ros.parameters import Parameters
+from gcl_ros.startup import running_ros
 from gcl_ros.transport import unprotected
 
 C = TypeVar('C')
@@ -48,6 +44,8 @@ class ConfiguredNode(LifecycleNode, Generic[C]):
         self.add_on_set_parameters_callback(self._set)
         self.steady = Clock(clock_type=ClockType.STEADY_TIME)  # runs when simulated time does not
         self.create_timer(REMIND, self._remind, clock=self.steady)
+        change = self._service_change_state.callback  # rclpy's; there is no public way to it
+        self._service_change_state.callback = lambda *asked: self._answer_change(change, *asked)
 
     def build(self, config: C) -> None:
         """Load and create what is needed; a GclError says why it cannot be done."""
@@ -80,11 +78,11 @@ class ConfiguredNode(LifecycleNode, Generic[C]):
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Read the parameters and build."""
-        return self._attempt(self._configure)
+        return self._attempt(self._configure, undo=self.release)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Begin."""
-        return self._attempt(self.begin)
+        return self._attempt(self.begin, undo=self.end)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """End."""
@@ -103,12 +101,8 @@ class ConfiguredNode(LifecycleNode, Generic[C]):
         return self._attempt(self._let_go)
 
     def _configure(self) -> None:
-        try:
-            config = self.parameters.read()
-            self.build(config)
-        except Exception:
-            self.release()
-            raise
+        config = self.parameters.read()
+        self.build(config)
         self.config = config
 
     def _let_go(self) -> None:
@@ -116,8 +110,28 @@ class ConfiguredNode(LifecycleNode, Generic[C]):
         self.release()
         self.config = None
 
-    def _attempt(self, step: Callable[[], None]) -> TransitionCallbackReturn:
-        """Do a step of a transition; rclpy would swallow what goes wrong."""
+    def _answer_change(
+        self,
+        change: Callable[[ChangeState.Request, ChangeState.Response], ChangeState.Response],
+        request: ChangeState.Request,
+        response: ChangeState.Response,
+    ) -> ChangeState.Response:
+        """Refuse a transition that the state does not have; before Kilted nobody answers that."""
+        asked = request.transition
+        there = self._state_machine.available_transitions
+        if any(asked.label == label if asked.label else asked.id == i for i, label, *_ in there):
+            return change(request, response)
+        named = f'transition {asked.label or asked.id}'
+        known = ', '.join(label for _, label, *_ in there) or 'none'
+        self.get_logger().error(f'no {named} from {self.state}; there is: {known}')
+        response.success = False
+        return response
+
+    def _attempt(
+        self, step: Callable[[], None], *, undo: Callable[[], None] | None = None
+    ) -> TransitionCallbackReturn:
+        """Do a step of a transition whole or not at all; rclpy would swallow what goes wrong."""
+        before = [*self.publishers, *self.subscriptions]
         try:
             step()
         except GclError as error:
@@ -127,8 +141,18 @@ class ConfiguredNode(LifecycleNode, Generic[C]):
         else:
             self.problem = ''
             return TransitionCallbackReturn.SUCCESS
+        if undo is not None:
+            undo()
+            self._destroy_all_but(before)
         self._remind()
         return TransitionCallbackReturn.FAILURE
+
+    def _destroy_all_but(self, kept: Sequence[Any]) -> None:
+        """Destroy what was created by a step that failed before anybody held it."""
+        for publisher in [p for p in self.publishers if p not in kept]:
+            self.destroy_publisher(publisher)
+        for subscription in [s for s in self.subscriptions if s not in kept]:
+            self.destroy_subscription(subscription)
 
     def _remind(self) -> None:
         if self.problem:
@@ -153,6 +177,15 @@ class ConfiguredNode(LifecycleNode, Generic[C]):
             self.changed(config)
         return SetParametersResult(successful=True)
 
+    def set_parameters(self, parameter_list: list[Parameter]) -> list[SetParametersResult]:
+        """Set each, integers as floats where floats belong."""
+        return super().set_parameters([self.parameters.fitted(p) for p in parameter_list])
+
+    def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
+        """Set all or none, as services do; integers as floats where floats belong."""
+        fitted = [self.parameters.fitted(p) for p in parameter_list]
+        return super().set_parameters_atomically(fitted)
+
     def destroy_node(self) -> None:
         """Stop working first."""
         self.end()
@@ -168,7 +201,7 @@ def run(make: Callable[[], ConfiguredNode[Any]]) -> None:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
     keep_freed_memory(arenas=1)
-    with _ros():
+    with running_ros(own_handlers=True):
         node = make()
         if lost := unprotected():
             node.get_logger().warning(lost)
@@ -184,13 +217,3 @@ def run(make: Callable[[], ConfiguredNode[Any]]) -> None:
             except Exception as error:  # of a callback: the others go on
                 node.get_logger().error(f'please report: {error!r}', throttle_duration_sec=5.0)
         node.destroy_node()
-
-
-def _ros() -> rclpy.InitContextManager:
-    """Start ROS; a file of parameters that is none, or an argument, ends the program with 2."""
-    with bad_input_exits(Path(sys.argv[0]).stem):
-        try:
-            return rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
-        except RuntimeError as error:  # rcl's own; from `at` on it tells of its sources
-            reason = re.sub(r', at /.*', '', str(error))
-            raise GclError(f'{reason}; see config/registrar.yaml for the form') from None

@@ -49,7 +49,6 @@ class Link:
         self.heading = Heading(0.0)
         self.health = health.Health(name)
         self._last: dict[Side, PointCloud2] = {}
-        self._resets = 0
         self._telling = threading.Lock()  # held while an outcome is published, or all is forgotten
 
     def begin(
@@ -75,7 +74,6 @@ class Link:
     def reset(self) -> None:
         """Forget pairs, stamps, counts and the track."""
         with self._telling:
-            self._resets += 1  # what is at work belongs to the past
             if self.pairing is not None:
                 self.pairing.reset()
             if self._tracking is not None:
@@ -111,7 +109,7 @@ class Link:
             target: message.
             wanted: whether results still are; None comes back if not, or after `reset`.
         """
-        resets = self._resets
+        pairing = self.pairing
         if same(source, target):
             raise GclError(
                 f'source and target are one cloud, in frame {source.header.frame_id!r}: a vehicle '
@@ -125,10 +123,10 @@ class Link:
             self._tracking.swept = {side: scan.swept for side, scan in scans.items()}
         yaw = self._expected(max(seconds(m.header.stamp) for m in (source, target)))
         registered = exchange.register(**scans, yaw=yaw)
-        self._swapped = registered.swapped
         with self._telling:
-            if not wanted() or resets != self._resets:
+            if not wanted() or pairing.forgotten:
                 return None
+            self._swapped = registered.swapped
             self._tell(exchange, registered, scans['source'].cloud, source, target)
         return registered.result
 

@@ -72,7 +72,7 @@ class Pairing(Generic[M]):
         self._depth = depth
         self._ready = ready or threading.Condition()
         self._clock = clock
-        self._asked = self._closed = False
+        self._asked = self._closed = self._forgotten = False
         self._forget_all()
 
     def _forget_all(self) -> None:
@@ -187,7 +187,14 @@ class Pairing(Generic[M]):
                 return None
             pair = self._newest or self._taken
             self._newest, self._taken, self._asked = None, pair, False
+            self._forgotten = False
             return pair
+
+    @property
+    def forgotten(self) -> bool:
+        """Whether there was a reset since the last pair was taken: what comes of it is past."""
+        with self._ready:
+            return self._forgotten
 
     def take_early(self) -> tuple[Side, M] | None:
         """A message whose partner is about to come, once; None without any."""
@@ -209,7 +216,7 @@ class Pairing(Generic[M]):
     def reset(self) -> None:
         """Forget everything, as after a jump back in time."""
         with self._ready:
-            self._asked = False
+            self._asked, self._forgotten = False, True
             self._forget_all()
             self.counts = Counts()
 

@@ -11,6 +11,7 @@ from typing import Any, Generic, TypeVar
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.exceptions import InvalidParameterValueException
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 
 from gcl_core.config import from_mapping
 from gcl_core.errors import GclError
@@ -47,7 +48,8 @@ class Parameters(Generic[C]):
     def __init__(self, node: Node, kind: type[C]) -> None:
         self._node, self._kind = node, kind
         self.defaults = flatten(kind())
-        given = list(node._parameter_overrides)  # no public way to see them before declaring
+        given = node._parameter_overrides  # no public way to see them before declaring
+        given.update({name: self.fitted(parameter) for name, parameter in given.items()})
         self._unknown = [
             name for name in given if name not in self.defaults and not name.startswith(BUILT_IN)
         ]
@@ -67,6 +69,18 @@ class Parameters(Generic[C]):
                 self._refused[name] = str(reason)
             self._node.declare_parameter(name, default, descriptor, ignore_override=True)
 
+    def fitted(self, parameter: Parameter) -> Parameter:
+        """The parameter as a float, or floats, where it is that and was given without a point.
+
+        Types are dynamic, so that ROS would turn it into an integer for good.
+        """
+        default, value = self.defaults.get(parameter.name), parameter.value
+        if isinstance(default, float) and type(value) is int:
+            return Parameter(parameter.name, value=float(value))
+        if parameter.type_ == Parameter.Type.INTEGER_ARRAY and isinstance(default, list):
+            return Parameter(parameter.name, value=[float(number) for number in value])
+        return parameter
+
     def read(self, changes: Mapping[str, Any] | None = None) -> C:
         """Build the config from the values set, with changes to come.
 
@@ -77,14 +91,12 @@ class Parameters(Generic[C]):
             wrong = '; '.join(f'{name}{self._nearest(name)}' for name in sorted(self._unknown))
             raise GclError(f'unknown parameter {wrong}; start the node anew without it')
         changes = changes or {}
-        for name, reason in self._refused.items():
-            if name not in changes:
-                raise GclError(reason)
+        if wrong := [reason for name, reason in self._refused.items() if name not in changes]:
+            raise GclError('; '.join(wrong))
         values = {
             name: changes.get(name, self._node.get_parameter(name).value) for name in self.defaults
         }
         for name, value in values.items():
-            _check_range(name, value)
             if isinstance(value, array.array):  # a list, as it comes over a service
                 values[name] = value.tolist()
         return from_mapping(self._kind, _nested(values), f'parameters of {self._node.get_name()}')
@@ -102,7 +114,7 @@ class Parameters(Generic[C]):
 
 
 def _check_range(name: str, value: Any) -> None:
-    """Refuse a number outside its range; ROS itself lets integers through where floats belong."""
+    """Refuse a number outside its range."""
     limits = range_of(name)
     if limits and isinstance(value, int | float) and not limits[0] <= value <= limits[1]:
         low, high = limits
@@ -112,7 +124,7 @@ def _check_range(name: str, value: Any) -> None:
 def _descriptor(
     name: str, default: Any, text: str, allowed: Mapping[str, tuple[Any, ...]]
 ) -> ParameterDescriptor:
-    # Dynamic typing: `reach:=2` is a fine float, and a wrong type is refused with a reason.
+    # Dynamic typing: a wrong type at start is kept until `read` refuses it with a reason.
     descriptor = ParameterDescriptor(description=text, dynamic_typing=True)
     if name in allowed:
         descriptor.additional_constraints = f'one of {", ".join(map(str, allowed[name]))}'

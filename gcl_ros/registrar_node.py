@@ -13,6 +13,8 @@ Serves: `~/trigger` (std_srvs/Trigger) registers the newest pair, `~/reset` forg
 from __future__ import annotations
 
 import re
+import threading
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
@@ -31,7 +33,7 @@ from gcl_ros.answers import Answers
 from gcl_ros.conversions import seconds
 from gcl_ros.diagnostics import Diagnostics, Report
 from gcl_ros.exchange import Exchange
-from gcl_ros.lifecycle import ConfiguredNode, run
+from gcl_ros.lifecycle import ConfiguredNode
 from gcl_ros.link import SINGLE, Link
 from gcl_ros.outputs import Wanted
 from gcl_ros.pairing import Side
@@ -116,6 +118,7 @@ class RegistrarNode(ConfiguredNode[NodeConfig]):
         self._inputs: list[Any] = []
         self._answers = Answers()
         self._callers = 0  # who had called for a pair when the one at work was taken
+        self._at_work = threading.Lock()  # held for a pair, which may outlive its activation
         alone = ReentrantCallbackGroup()  # a caller that waits holds up nothing else
         self.create_service(Trigger, '~/trigger', self._trigger, callback_group=alone)
         self.create_service(Trigger, '~/reset', self._reset)
@@ -134,7 +137,7 @@ class RegistrarNode(ConfiguredNode[NodeConfig]):
         for name in config.sources:
             self._links[name] = Link(self, name, wanted)
         rmw = rclpy.get_rmw_implementation_identifier()
-        if lost := transport.warning(rmw, reliable=config.reliable):
+        if lost := transport.warning(rmw, reliable=config.reliable, key=transport.profile_key()):
             self.get_logger().warning(lost)
 
     def begin(self) -> None:
@@ -187,7 +190,6 @@ class RegistrarNode(ConfiguredNode[NodeConfig]):
 
     def changed(self, config: NodeConfig) -> None:
         """Use other settings from the next pair on."""
-        self._exchange.registrar.config = config.registrar
         for pairing in self._pairings.of.values() if self._pairings else ():
             pairing.max_dt, pairing.on_demand = config.max_pair_dt, config.on_demand
         for link in self._links.values():
@@ -221,7 +223,13 @@ class RegistrarNode(ConfiguredNode[NodeConfig]):
             link.heard('target', message)
         self._pairings.add_target(seconds(message.header.stamp), message)
 
-    def _register(self, work: Work) -> None:
+    def _register(self, work: Work, wanted: Callable[[], bool]) -> None:
+        with self._at_work:
+            if wanted():
+                self._exchange.registrar.config = self.config.registrar  # for all of this pair
+                self._work_on(work, wanted)
+
+    def _work_on(self, work: Work, wanted: Callable[[], bool]) -> None:
         name, source, target = work
         self._callers = self._answers.calls
         link, exchange = self._links[name], self._exchange
@@ -229,7 +237,7 @@ class RegistrarNode(ConfiguredNode[NodeConfig]):
             side: Side = 'target' if source is None else 'source'
             link.prepare(exchange, side, target if source is None else source)
             return
-        result = link.register(exchange, source, target, wanted=lambda: not self._worker.stopping)
+        result = link.register(exchange, source, target, wanted=wanted)
         if result is not None:
             told = describe(result)
             self._answers.outcome(name, result.accepted, told, calls=self._callers)
@@ -237,6 +245,8 @@ class RegistrarNode(ConfiguredNode[NodeConfig]):
 
     def _left_out(self, work: Work, reason: str) -> None:
         name = work[0]
+        if self._pairings.of[name].forgotten:
+            return
         self._links[name].health.failed(reason)
         self._answers.outcome(name, False, f'pair left out: {reason}', calls=self._callers)
         self.get_logger().error(f'{name}: pair left out: {reason}')
@@ -284,12 +294,3 @@ def describe(result: Registration) -> str:
         return f'no transform: {result.reason}'
     mark = '' if result.calibrated else ' (uncalibrated)'
     return f'{result.inliers} inliers, probability {result.probability:.3f}{mark}'
-
-
-def main() -> None:
-    """Run the node until Ctrl-C or SIGTERM."""
-    run(RegistrarNode)
-
-
-if __name__ == '__main__':
-    main()

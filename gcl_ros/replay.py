@@ -6,10 +6,11 @@ import argparse
 import sys
 from pathlib import Path
 
-from gcl_core.cli.outcome import run_command
+from gcl_core.cli.outcome import loading, run_command
 from gcl_core.cli.parsers.form import form, parsed
 from gcl_core.cli.parsers.quantities import not_negative, positive
-from gcl_core.errors import INTERRUPTED, GclError
+from gcl_core.errors import INTERRUPTED
+from gcl_ros.program import own_arguments
 
 
 def parser() -> argparse.ArgumentParser:
@@ -45,26 +46,15 @@ def main() -> int:
 
 
 def _run() -> int:
-    arguments = sys.argv[1:]
-    if '--ros-args' in arguments:
-        arguments = _without_ros(arguments)
-    return _replay(parsed(parser(), arguments))
-
-
-def _without_ros(arguments: list[str]) -> list[str]:
-    from rclpy.utilities import remove_ros_args
-
-    try:
-        return list(remove_ros_args(arguments))
-    except RuntimeError as error:  # rcl's own, told of no common kind
-        raise GclError(f'--ros-args: {error}; give pairs such as -p NAME:=VALUE') from None
+    return _replay(parsed(parser(), own_arguments(sys.argv[1:])))
 
 
 def _replay(options: argparse.Namespace) -> int:
-    import rclpy
-    from rclpy.node import Node
+    with loading():
+        from rclpy.node import Node
 
-    from gcl_ros.playback import Playback, replay
+        from gcl_ros.playback import Playback, replay
+        from gcl_ros.startup import running_ros
 
     playback = Playback(
         rate=options.rate,
@@ -74,7 +64,7 @@ def _replay(options: argparse.Namespace) -> int:
         reliable=not options.best_effort,
         wait=not options.no_wait,
     )
-    with rclpy.init(args=sys.argv):
+    with running_ros():
         node = Node('replay')
         try:
             count = replay(options.bag, playback, node)

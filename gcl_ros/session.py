@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 import time
@@ -22,10 +21,9 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from gcl_core.errors import GclError
 from gcl_ros.bag import TRUTH
 from gcl_ros.conversions import matrix, seconds
+from gcl_ros.startup import running_ros
+from gcl_ros.transport import keep_local
 
-FOLDERS = Path(__file__).resolve().parents
-PLACES = FOLDERS[1], *(folder / 'share/gcl_ros' for folder in FOLDERS)  # a checkout; a prefix
-PROFILE = next((p for place in PLACES if (p := place / 'config/fastdds.xml').is_file()), None)
 LAST_PAIR = 15.0  # seconds that the node has for the last pair after the bag has ended
 
 
@@ -96,17 +94,6 @@ def process(
             running.wait(timeout=30)
 
 
-def local_dds() -> None:
-    """Let this process and its children talk on this machine only, big clouds included."""
-    if 'FASTDDS_DEFAULT_PROFILES_FILE' not in os.environ:
-        if PROFILE is None:
-            raise GclError(
-                'config/fastdds.xml was not installed; set FASTDDS_DEFAULT_PROFILES_FILE to a copy'
-            )
-        os.environ['FASTDDS_DEFAULT_PROFILES_FILE'] = str(PROFILE)
-    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-
-
 def through_node(
     bag: Path,
     folder: Path,
@@ -129,13 +116,13 @@ def through_node(
     Raises:
         GclError: the node cannot work with these parameters, or has ended.
     """
-    local_dds()
+    keep_local()
     ros = ['--ros-args', *node_arguments] if node_arguments else []
     replay = [str(bag), '--rate', str(rate)]
-    with rclpy.init():
+    with running_ros():
         listener = Listener(on_estimate)
         with (
-            process('registrar_node', ros, folder) as registrar,
+            process('registrar', ros, folder) as registrar,
             process('replay', replay, folder) as player,
         ):
             for _ in _until_done(listener, player, expected):

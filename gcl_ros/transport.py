@@ -1,4 +1,4 @@
-"""Whether the middleware will carry clouds: said at start, not found out by silence."""
+"""Whether the middleware will carry clouds: set up, or said at start, not found out by silence."""
 
 from __future__ import annotations
 
@@ -7,9 +7,33 @@ import re
 from collections.abc import Mapping
 from pathlib import Path
 
-PROFILE_KEYS = ('FASTDDS_DEFAULT_PROFILES_FILE', 'FASTRTPS_DEFAULT_PROFILES_FILE')
+from gcl_core.errors import GclError
+
+# The libraries of Fast DDS 3 (Kilted) and 2 (Jazzy, Humble); each reads one variable only.
+READS = {
+    'libfastdds.so': 'FASTDDS_DEFAULT_PROFILES_FILE',
+    'libfastrtps.so': 'FASTRTPS_DEFAULT_PROFILES_FILE',
+}
+FOLDERS = Path(__file__).resolve().parents
+PLACES = FOLDERS[1], *(folder / 'share/gcl_ros' for folder in FOLDERS)  # a checkout; a prefix
+PROFILE = next((p for place in PLACES if (p := place / 'config/fastdds.xml').is_file()), None)
 SCAN = 1_920_000  # bytes of one 64-beam scan of 120,000 points with intensity
 SEGMENT = re.compile(r'<segment_size>\s*(\d+)\s*</segment_size>')
+
+
+def keep_local() -> None:
+    """Let this process and its children talk on this machine only, big clouds included."""
+    given = next((path for key in READS.values() if (path := os.environ.get(key))), PROFILE)
+    if given is None:
+        raise GclError(
+            f'config/fastdds.xml was not installed; set {" and ".join(READS.values())} to a copy'
+        )
+    for key in READS.values():
+        os.environ.setdefault(key, str(given))
+    if os.environ.get('ROS_DISTRO') == 'humble':
+        os.environ.setdefault('ROS_LOCALHOST_ONLY', '1')
+    else:  # which warn of the older variable
+        os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
 
 
 def unprotected() -> str | None:
@@ -23,8 +47,22 @@ def unprotected() -> str | None:
     )
 
 
+def profile_key(loaded: str | None = None) -> str:
+    """Name of the variable that the Fast DDS of this process takes its profile from.
+
+    Args:
+        loaded: names of the libraries in the process; by default what Linux says, once ROS runs.
+    """
+    if loaded is None:
+        maps = Path('/proc/self/maps')
+        loaded = maps.read_text() if maps.exists() else ''
+    return next(
+        (key for library, key in READS.items() if library in loaded), READS['libfastdds.so']
+    )
+
+
 def warning(
-    rmw: str, *, reliable: bool, environment: Mapping[str, str] = os.environ
+    rmw: str, *, reliable: bool, key: str, environment: Mapping[str, str] = os.environ
 ) -> str | None:
     """What to say about big clouds at start; None when they will arrive.
 
@@ -34,6 +72,7 @@ def warning(
     Args:
         rmw: identifier of the middleware, such as `rmw_fastrtps_cpp`.
         reliable: whether the subscriptions are.
+        key: of the variable that names the profile, see `profile_key`.
         environment: of the process.
     """
     if (
@@ -45,11 +84,13 @@ def warning(
     remedy = (
         'set it to config/fastdds.xml of this package for publishers and node, or reliable:=true'
     )
-    path = next((environment[key] for key in PROFILE_KEYS if environment.get(key)), '')
+    path = environment.get(key, '')
     if not path:
+        other = next((k for k in READS.values() if k != key and environment.get(k)), None)
+        unread = f' ({other} is, which this version does not read)' if other else ''
         return (
             'Fast DDS loses best-effort clouds over 512 kB with its default transport; '
-            f'FASTDDS_DEFAULT_PROFILES_FILE is not set: {remedy}'
+            f'{key} is not set{unread}: {remedy}'
         )
     try:
         sizes = SEGMENT.findall(Path(path).read_text())

@@ -17,7 +17,7 @@ class Worker(Generic[T]):
 
     Args:
         take: waits for the next thing; None ends the thread.
-        work: done with each.
+        work: done with each; the second argument says whether its outcome is still wanted.
         failed: told why one was left out.
         close: makes `take` return None.
     """
@@ -25,27 +25,30 @@ class Worker(Generic[T]):
     def __init__(
         self,
         take: Callable[[], T | None],
-        work: Callable[[T], None],
+        work: Callable[[T, Callable[[], bool]], None],
         failed: Callable[[T, str], None],
         close: Callable[[], None],
     ) -> None:
         self._take, self._work, self._failed, self._close = take, work, failed, close
-        self.stopping = False
+        self._stopping = False
         self._thread = threading.Thread(target=self._run, name='worker', daemon=True)
         self._thread.start()
 
     def _run(self) -> None:
         while (thing := self._take()) is not None:
             try:
-                self._work(thing)
-            except GclError as error:
-                self._failed(thing, str(error))
+                self._work(thing, self._wanted)
             except Exception as error:
-                if not self.stopping:  # a context that is shut down is no fault of the thing
-                    self._failed(thing, f'please report: {error!r}')
+                reason = str(error) if isinstance(error, GclError) else f'please report: {error!r}'
+                if self._wanted():  # a context that is shut down is no fault of the thing
+                    self._failed(thing, reason)
+
+    def _wanted(self) -> bool:
+        """Whether anybody still waits for what this worker, and none after it, does."""
+        return not self._stopping
 
     def stop(self) -> None:
         """Finish the work at hand and end; its result is not wanted any more."""
-        self.stopping = True
+        self._stopping = True
         self._close()
         self._thread.join(timeout=PATIENCE)

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable, Sequence
 from importlib import import_module
 
-from gcl_core.cli.outcome import Answer, run_command, say
+from gcl_core.cli.outcome import Answer, loading, run_command, say
 from gcl_core.cli.parsers import bag, evaluate, inspect, pairs, register, simulate, train
 from gcl_core.cli.parsers.form import form, parsed
 
@@ -46,7 +46,8 @@ def _run(arguments: Sequence[str] | None) -> int:
 def _answer(options: argparse.Namespace) -> Answer:
     """What the command's module says; loaded only now, since torch and Open3D take seconds."""
     run: Callable[[argparse.Namespace], Answer]
-    run = import_module(f'gcl_core.cli.{options.command}').run
+    with loading():
+        run = import_module(f'gcl_core.cli.{options.command}').run
     return run(options)
 
 

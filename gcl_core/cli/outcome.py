@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import io
 import os
+import signal
 import sys
-from collections.abc import Callable
-from contextlib import redirect_stdout
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass
 
 from gcl_core.errors import BAD_INPUT, INTERRUPTED, GclError
@@ -34,6 +35,22 @@ def say(work: Callable[[], Answer]) -> int:
     if answer.text:
         print(answer.text)
     return answer.code
+
+
+@contextmanager
+def loading() -> Iterator[None]:
+    """While libraries are imported, Ctrl-C ends the process at once; there is nothing to undo.
+
+    Raised within an import, KeyboardInterrupt becomes whatever the library makes of it.
+    """
+    ours = signal.getsignal(signal.SIGINT) is signal.default_int_handler  # not where it is ignored
+    if ours:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+    try:
+        yield
+    finally:
+        if ours:
+            signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def run_command(name: str, work: Callable[[], int]) -> int:

@@ -20,7 +20,7 @@ from gcl_core.errors import GclError, bad_input_exits
 from gcl_core.evaluation import metrics
 from gcl_core.evaluation.accept_tables import Row, by_distance, by_kind, markdown
 from gcl_core.evaluation.adversaries import Case, group
-from gcl_core.files import sha256, write_text
+from gcl_core.files import check_writable, sha256, write_text
 from gcl_core.models import zoo
 from gcl_core.progress import progress
 from gcl_core.provenance import provenance_for

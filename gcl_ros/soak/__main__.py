@@ -12,8 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import rclpy
-from rclpy.signals import SignalHandlerOptions
 
 from gcl_core.data.sequence import positions
 from gcl_core.data.simulator.sequence import SimulatedSequence
@@ -21,11 +19,12 @@ from gcl_core.errors import bad_input_exits
 from gcl_core.files import write_text
 from gcl_core.provenance import provenance, provenance_for
 from gcl_ros.bag import Encounter, pair_encounters, read_encounters, write_bag
-from gcl_ros.session import local_dds
 from gcl_ros.soak.faults import schedule
 from gcl_ros.soak.machine import Machine
 from gcl_ros.soak.observer import Observer
 from gcl_ros.soak.watch import FLAT, Watch, in_short, memory_change
+from gcl_ros.startup import running_ros
+from gcl_ros.transport import keep_local
 
 DOMAIN = '101'  # of DDS, unless one is set: nobody else's nodes, nor the tests'
 WORLD, KIND = 11, 'mixed'  # a street that training never sees
@@ -54,10 +53,10 @@ def soak(folder: Path, seconds: float, seed: int, stop: threading.Event) -> dict
     bag = folder / 'scenes'
     if not bag.exists():
         write_bag(bag, scenes())
-    local_dds()
+    keep_local()
     os.environ.setdefault('ROS_DOMAIN_ID', DOMAIN)
     watch, problem = Watch(), ''
-    with rclpy.init(signal_handler_options=SignalHandlerOptions.NO):
+    with running_ros(own_handlers=True):
         observer = Observer([encounter.T_target_source for encounter in read_encounters(bag)])
         machine = Machine(bag, folder, seed, seconds)
         try:

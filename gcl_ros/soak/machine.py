@@ -44,7 +44,7 @@ class Machine:
         self.brought: Counter[str] = Counter()
         settings = [f'{name}:={value}' for name, value in PARAMETERS.items()]
         arguments = ['--ros-args', *(part for s in settings for part in ('-p', s))]
-        self._start('node', ['-m', 'gcl_ros.registrar_node', *arguments])
+        self._start('node', ['-m', 'gcl_ros.registrar', *arguments])
 
     def _process(self, name: str, arguments: list[str]) -> subprocess.Popen[Any]:
         with (self._folder / f'{name.replace(" ", "_")}.log').open('a') as log:

@@ -12,7 +12,6 @@ import time
 from pathlib import Path
 
 import numpy as np
-import rclpy
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import PointCloud2, PointField
@@ -20,6 +19,7 @@ from sensor_msgs.msg import PointCloud2, PointField
 from gcl_ros.bag import FRAMES, read_encounters
 from gcl_ros.conversions import fill_point_cloud2
 from gcl_ros.soak.faults import Fault, active, schedule
+from gcl_ros.startup import running_ros
 
 PERIOD = 0.1  # seconds
 SCENE = 20  # ticks that a scene lasts
@@ -85,7 +85,7 @@ class Vehicle:
 def run(o: argparse.Namespace) -> None:
     """Send until the time is up."""
     vehicle, faults = Vehicle(o.side, o.bag, o.seed), schedule(o.seed, o.seconds)
-    with rclpy.init():
+    with running_ros():
         node = Node(f'vehicle_{o.side}')
         qos = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
         publisher = node.create_publisher(PointCloud2, f'/{o.side}/points', qos)

@@ -3,12 +3,14 @@
 import random
 import threading
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
+from rcl_interfaces.srv import SetParameters
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -20,8 +22,8 @@ from std_srvs.srv import Trigger
 from gcl_core import se3
 from gcl_ros.bench_stream import make
 from gcl_ros.conversions import fill_point_cloud2
+from gcl_ros.transport import PROFILE, READS
 
-ROOT = Path(__file__).parents[2]
 PATIENCE = 60.0  # seconds, on a machine that is busy with something else
 
 
@@ -52,13 +54,18 @@ class Rig:
     def _diagnosed(self, message) -> None:
         self.status = message.status[0]
 
-    def add(self, kind, *, start=True, cli_args=None, **parameters):
-        """Start a node of this kind; `__` in a parameter's name stands for a dot."""
+    def make(self, kind, *, cli_args=None, **parameters):
+        """Make a node of this kind; `__` in a parameter's name stands for a dot."""
         overrides = [
             Parameter(name.replace('__', '.'), value=value) for name, value in parameters.items()
         ]
         node = kind(context=self.context, parameter_overrides=overrides, cli_args=cli_args)
         self._nodes.append(node)
+        return node
+
+    def add(self, kind, *, start=True, **settings):
+        """Make a node, start it and spin it."""
+        node = self.make(kind, **settings)
         if start:
             node.start()
         self.executor.add_node(node)
@@ -126,6 +133,19 @@ class Rig:
     def trigger(self, name):
         return self.call(Trigger, f'/registrar/{name}')
 
+    def change(self, transition, node='registrar') -> bool:
+        """Ask for a transition, by its number or its name."""
+        request = ChangeState.Request()
+        key = 'label' if isinstance(transition, str) else 'id'
+        request.transition = Transition(**{key: transition})
+        return self.call(ChangeState, f'/{node}/change_state', request).success
+
+    def set(self, name, value):
+        """Set a parameter of the registrar."""
+        request = SetParameters.Request()
+        request.parameters = [Parameter(name, value=value).to_parameter_msg()]
+        return self.call(SetParameters, '/registrar/set_parameters', request).results[0]
+
     def says(self, text) -> bool:
         """Whether the diagnostics say something."""
         return self.status is not None and text in self.status.message
@@ -146,7 +166,8 @@ class Rig:
 @pytest.fixture
 def rig(monkeypatch):
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    monkeypatch.setenv('FASTDDS_DEFAULT_PROFILES_FILE', str(ROOT / 'config' / 'fastdds.xml'))
+    for key in READS.values():
+        monkeypatch.setenv(key, str(PROFILE))
     made = Rig()
     yield made
     made.close()

@@ -91,6 +91,6 @@ def test_it_runs(streams, monkeypatch):
     assert found['left out'] == 0
     assert found['most_clouds_waiting'] <= 20
     assert found['resident_mb']['first'] > 100
-    for name in ('registrar_node', 'source', 'target'):
+    for name in ('registrar', 'source', 'target'):
         assert 'Traceback' not in (streams / f'{name}.log').read_text()
-    assert os.path.getsize(streams / 'registrar_node.log') > 0
+    assert os.path.getsize(streams / 'registrar.log') > 0

@@ -34,7 +34,7 @@ def test_a_node_that_is_told_to_be_secure_is_secure_or_does_not_start(tmp_path):
         'ROS_SECURITY_KEYSTORE': str(tmp_path),
     }
     done = subprocess.run(
-        [sys.executable, '-m', 'gcl_ros.registrar_node'],
+        [sys.executable, '-m', 'gcl_ros.registrar'],
         env=os.environ | security,
         cwd=ROOT,
         capture_output=True,

@@ -51,7 +51,7 @@ def running(command, environment, log):
 
 
 def registrar(*ros_arguments):
-    return [sys.executable, '-m', 'gcl_ros.registrar_node', '--ros-args', *ros_arguments]
+    return [sys.executable, '-m', 'gcl_ros.registrar', '--ros-args', *ros_arguments]
 
 
 def wait_for(condition):
@@ -75,7 +75,7 @@ def test_replayed_bag_comes_out_right(drive, tmp_path, monkeypatch):
         expected=2,
         node_arguments=['--params-file', parameters, '-p', 'registrar.turns:=1'],
     )
-    logs = [(tmp_path / f'{name}.log').read_text() for name in ('registrar_node', 'replay')]
+    logs = [(tmp_path / f'{name}.log').read_text() for name in ('registrar', 'replay')]
     assert len(rows) == 2, logs
     for row in rows:
         assert metrics.registered(row.T_estimated, row.T_true, metrics.STRICT), logs
@@ -141,12 +141,12 @@ UNSTARTED = ['-p', 'autostart:=false']
 @pytest.mark.parametrize(
     ('module', 'number', 'arguments', 'said'),
     [
-        ('registrar_node', INT, [], 'ready'),
-        ('describer_node', TERM, [], 'ready'),
-        ('registrar_node', TERM, UNSTARTED, 'unconfigured'),
-        ('registrar_node', INT, ['-p', 'registrar.turns:=0'], 'will be published'),
-        ('registrar_node', TERM, [], ''),
-        ('describer_node', INT, [], ''),
+        ('registrar', INT, [], 'ready'),
+        ('describer', TERM, [], 'ready'),
+        ('registrar', TERM, UNSTARTED, 'unconfigured'),
+        ('registrar', INT, ['-p', 'registrar.turns:=0'], 'will be published'),
+        ('registrar', TERM, [], ''),
+        ('describer', INT, [], ''),
     ],
     ids=['active', 'describer', 'unconfigured', 'misconfigured', 'starting', 'describer starting'],
 )

@@ -1,0 +1,27 @@
+"""`ros2 run gcl_ros describer`: the program of `gcl_ros.describer_node`."""
+
+from __future__ import annotations
+
+import sys
+
+from gcl_ros.program import run_node
+
+
+def main() -> int:
+    """Run the node until Ctrl-C or SIGTERM; returns an exit code."""
+    return run_node(
+        'describer',
+        'A PointCloud2 topic in (points), features of its scans out (features).',
+        ['ros2 run gcl_ros describer --ros-args -r points:=/b/points -r features:=/b/features'],
+        _load,
+    )
+
+
+def _load() -> type:
+    from gcl_ros.describer_node import DescriberNode
+
+    return DescriberNode
+
+
+if __name__ == '__main__':
+    sys.exit(main())
