@@ -33,7 +33,7 @@ from gcl_ros.conversions import fill_point_cloud2, seconds
 from gcl_ros.feature_cloud import Described, fill_feature_cloud
 from gcl_ros.playback import wait_for_subscribers
 from gcl_ros.startup import running_ros
-from gcl_ros.transport import READS
+from gcl_ros.transport import PROFILE_KEYS
 
 POINTS = 120_000
 KEYPOINTS = (250, 1000, 5000)
@@ -150,7 +150,7 @@ def measure(out: Path, mbit: float, number: int) -> list[Row]:
     received, blocked = out / 'received.json', out / 'blocked.json'
     environment = {**os.environ, 'FASTDDS_BUILTIN_TRANSPORTS': 'UDPv4'}
     environment |= {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET'}
-    for key in READS.values():
+    for key in PROFILE_KEYS:
         environment.pop(key, None)
     with slow_link(mbit) as names:
 

@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
+import argparse
 import sys
 
-from gcl_ros.program import run_node
+from gcl_ros.program import node_parser, run_node
+
+
+def parser() -> argparse.ArgumentParser:
+    """Everything that `describer` takes."""
+    return node_parser(
+        'describer',
+        'A PointCloud2 topic in (points), features of its scans out (features).',
+        [
+            'ros2 run gcl_ros describer --ros-args -r points:=/b/points -r features:=/b/features',
+        ],
+    )
 
 
 def main() -> int:
     """Run the node until Ctrl-C or SIGTERM; returns an exit code."""
-    return run_node(
-        'describer',
-        'A PointCloud2 topic in (points), features of its scans out (features).',
-        ['ros2 run gcl_ros describer --ros-args -r points:=/b/points -r features:=/b/features'],
-        _load,
-    )
+    return run_node(parser(), _load)
 
 
 def _load() -> type:

@@ -14,24 +14,31 @@ if TYPE_CHECKING:
     from gcl_ros.lifecycle import ConfiguredNode
 
 
-def run_node(
-    name: str, does: str, examples: Sequence[str], load: Callable[[], type[ConfiguredNode[Any]]]
-) -> int:
-    """Run a node until Ctrl-C or SIGTERM; returns an exit code.
+def node_parser(name: str, does: str, examples: Sequence[str]) -> argparse.ArgumentParser:
+    """What a node takes: nothing but the arguments of ROS.
 
     Args:
         name: of the program.
         does: what it does, for its help.
         examples: lines of its help.
-        load: imports the node's class.
     """
     description = (
         f'{does}\nRemappings and parameters follow after --ros-args; config/{name}.yaml explains '
         'the parameters.'
     )
-    parser = argparse.ArgumentParser(
-        prog=name, usage=f'{name} [-h] [--ros-args ...]', **form(description, examples)
-    )
+    usage = f'{name} [-h] [--ros-args ...]'
+    return argparse.ArgumentParser(prog=name, usage=usage, **form(description, examples))
+
+
+def run_node(
+    parser: argparse.ArgumentParser, load: Callable[[], type[ConfiguredNode[Any]]]
+) -> int:
+    """Run a node until Ctrl-C or SIGTERM; returns an exit code.
+
+    Args:
+        parser: of the command line.
+        load: imports the node's class.
+    """
 
     def work() -> int:
         parsed(parser, own_arguments(sys.argv[1:]))
@@ -42,7 +49,7 @@ def run_node(
         run(kind)
         return 0
 
-    return run_command(name, work)
+    return run_command(parser.prog, work)
 
 
 def own_arguments(arguments: Sequence[str]) -> list[str]:

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+
+import rclpy
 
 from gcl_core.errors import GclError
 
-# The libraries of Fast DDS 3 (Kilted) and 2 (Jazzy, Humble); each reads one variable only.
-READS = {
-    'libfastdds.so': 'FASTDDS_DEFAULT_PROFILES_FILE',
-    'libfastrtps.so': 'FASTRTPS_DEFAULT_PROFILES_FILE',
-}
+FASTDDS, FASTRTPS = 'FASTDDS_DEFAULT_PROFILES_FILE', 'FASTRTPS_DEFAULT_PROFILES_FILE'
+PROFILE_KEYS = (FASTDDS, FASTRTPS)
+# What names the profile, by the library of Fast DDS 3 (Kilted) and 2 (Jazzy, Humble). Version 3
+# takes the old name too, and calls it deprecated.
+READS = {'libfastdds.so': PROFILE_KEYS, 'libfastrtps.so': (FASTRTPS,)}
 FOLDERS = Path(__file__).resolve().parents
 PLACES = FOLDERS[1], *(folder / 'share/gcl_ros' for folder in FOLDERS)  # a checkout; a prefix
 PROFILE = next((p for place in PLACES if (p := place / 'config/fastdds.xml').is_file()), None)
@@ -23,13 +25,12 @@ SEGMENT = re.compile(r'<segment_size>\s*(\d+)\s*</segment_size>')
 
 def keep_local() -> None:
     """Let this process and its children talk on this machine only, big clouds included."""
-    given = next((path for key in READS.values() if (path := os.environ.get(key))), PROFILE)
+    given = next((path for key in PROFILE_KEYS if (path := os.environ.get(key))), PROFILE)
+    keys = profile_keys()
     if given is None:
-        raise GclError(
-            f'config/fastdds.xml was not installed; set {" and ".join(READS.values())} to a copy'
-        )
-    for key in READS.values():
-        os.environ.setdefault(key, str(given))
+        raise GclError(f'config/fastdds.xml was not installed; set {keys[0]} to a copy')
+    if not any(os.environ.get(key) for key in keys):
+        os.environ[keys[0]] = str(given)
     if os.environ.get('ROS_DISTRO') == 'humble':
         os.environ.setdefault('ROS_LOCALHOST_ONLY', '1')
     else:  # which warn of the older variable
@@ -47,22 +48,21 @@ def unprotected() -> str | None:
     )
 
 
-def profile_key(loaded: str | None = None) -> str:
-    """Name of the variable that the Fast DDS of this process takes its profile from.
+def profile_keys(loaded: str | None = None) -> tuple[str, ...]:
+    """Names of the variables from which Fast DDS takes its profile here; the first is its own.
 
     Args:
-        loaded: names of the libraries in the process; by default what Linux says, once ROS runs.
+        loaded: names of libraries; by default those of this process, as Linux tells them.
     """
     if loaded is None:
+        rclpy.get_rmw_implementation_identifier()  # loads the middleware
         maps = Path('/proc/self/maps')
         loaded = maps.read_text() if maps.exists() else ''
-    return next(
-        (key for library, key in READS.items() if library in loaded), READS['libfastdds.so']
-    )
+    return next((keys for library, keys in READS.items() if library in loaded), PROFILE_KEYS)
 
 
 def warning(
-    rmw: str, *, reliable: bool, key: str, environment: Mapping[str, str] = os.environ
+    rmw: str, *, reliable: bool, keys: Sequence[str], environment: Mapping[str, str] = os.environ
 ) -> str | None:
     """What to say about big clouds at start; None when they will arrive.
 
@@ -72,7 +72,7 @@ def warning(
     Args:
         rmw: identifier of the middleware, such as `rmw_fastrtps_cpp`.
         reliable: whether the subscriptions are.
-        key: of the variable that names the profile, see `profile_key`.
+        keys: variables that name the profile, see `profile_keys`.
         environment: of the process.
     """
     if (
@@ -84,13 +84,13 @@ def warning(
     remedy = (
         'set it to config/fastdds.xml of this package for publishers and node, or reliable:=true'
     )
-    path = environment.get(key, '')
+    path = next((environment[key] for key in keys if environment.get(key)), '')
     if not path:
-        other = next((k for k in READS.values() if k != key and environment.get(k)), None)
+        other = next((key for key in PROFILE_KEYS if environment.get(key)), None)
         unread = f' ({other} is, which this version does not read)' if other else ''
         return (
             'Fast DDS loses best-effort clouds over 512 kB with its default transport; '
-            f'{key} is not set{unread}: {remedy}'
+            f'{keys[0]} is not set{unread}: {remedy}'
         )
     try:
         sizes = SEGMENT.findall(Path(path).read_text())

@@ -64,7 +64,7 @@ def test_registrar_runs_from_the_ament_index(workspace, tmp_path):
     share = prefix / 'share' / 'gcl_ros'
     for file in ('config/registrar.yaml', 'launch/replay.launch.py', 'rviz/registrar.rviz'):
         assert (share / file).exists()
-    find = 'from gcl_ros.session import PROFILE; print(PROFILE)'
+    find = 'from gcl_ros.transport import PROFILE; print(PROFILE)'
     profile = subprocess.run(
         [sys.executable, '-c', find],
         cwd=tmp_path,
@@ -74,5 +74,11 @@ def test_registrar_runs_from_the_ament_index(workspace, tmp_path):
         text=True,
     )
     assert Path(profile.stdout.strip()) == share / 'config/fastdds.xml'
-    for program in ('describer', 'replay', 'evaluate_bag'):
-        assert (prefix / 'lib' / 'gcl_ros' / program).exists()
+    for program in ('registrar', 'describer', 'replay', 'evaluate_bag', 'gcl'):
+        command = [prefix / 'lib' / 'gcl_ros' / program, '--help']
+        helped = subprocess.run(
+            command, env=environment, cwd=tmp_path, capture_output=True, text=True
+        )
+        assert (helped.returncode, f'usage: {program}' in helped.stdout) == (0, True), (
+            helped.stderr
+        )

@@ -27,7 +27,10 @@ from gcl_core.evaluation.compare import PAPER
 from gcl_core.evaluation.peers import PEERS
 from gcl_core.progress import progress
 from gcl_core.to_json import to_json
-from gcl_ros import evaluate_bag, replay
+from gcl_ros import describer, evaluate_bag, registrar, replay
+from gcl_ros.program import own_arguments
+
+PROGRAMS = (registrar, describer, replay, evaluate_bag)
 
 
 def parsers(root):
@@ -39,7 +42,8 @@ def parsers(root):
                 yield from parsers(inner)
 
 
-ALL = {p.prog: p for made in (parser, replay.parser, evaluate_bag.parser) for p in parsers(made())}
+MADE = (parser, *(program.parser for program in PROGRAMS))
+ALL = {p.prog: p for made in MADE for p in parsers(made())}
 
 
 @pytest.mark.parametrize('name', ALL)
@@ -53,7 +57,7 @@ def test_help_says_what_for_how_and_how_it_ends(name):
     for line in lines:
         words = shlex.split(line.removeprefix('ros2 run gcl_ros '))
         if '--help' not in words:
-            ALL[words[0]].parse_args(words[1:])
+            ALL[words[0]].parse_args(own_arguments(words[1:]))
 
 
 @pytest.mark.parametrize(
@@ -71,7 +75,10 @@ def test_choices_are_those_there_are(written, known):
     assert sorted(written) == sorted(known)
 
 
-@pytest.mark.parametrize('module', ['gcl_core.cli.main', 'gcl_ros.replay', 'gcl_ros.evaluate_bag'])
+LIGHT = ('gcl_core.cli.main', *(program.__name__ for program in PROGRAMS))
+
+
+@pytest.mark.parametrize('module', LIGHT)
 def test_help_loads_nothing_heavy(module):
     code = (
         f'import sys; from {module} import main; sys.argv[1:] = ["--help"]\n'

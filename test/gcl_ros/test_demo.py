@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from gcl_core import se3
-from gcl_ros.demo import DISTANCES, encounters, format_row, summary
+from gcl_ros.meeting import DISTANCES, encounters, format_row, summary
 from gcl_ros.session import Row
 
 TRUE = se3.from_xyz_rpy(x=30.0, yaw=np.pi)

@@ -12,18 +12,18 @@ import pytest
 
 from gcl_core.types import PointCloud
 from gcl_ros.bag import Encounter, write_bag
-from gcl_ros.session import PROFILE
 from gcl_ros.soak.__main__ import DOMAIN, failures, soak
 from gcl_ros.soak.faults import Fault, Kind, active, schedule
 from gcl_ros.soak.machine import Machine
 from gcl_ros.soak.publisher import PERIOD, SCENE, Vehicle
 from gcl_ros.soak.watch import FLAT, in_short, memory_change
+from gcl_ros.transport import PROFILE, profile_keys
 
 ROOT = Path(__file__).parents[2]
 ALONE = {  # what a run sets for its processes
     'ROS_DOMAIN_ID': DOMAIN,
     'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-    'FASTDDS_DEFAULT_PROFILES_FILE': str(PROFILE),
+    profile_keys()[0]: str(PROFILE),
 }
 
 
