@@ -6,6 +6,8 @@
 and the other's features as source. Start it with `only:=a` on one vehicle, `only:=b` on the other.
 """
 
+import os
+
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, GroupAction, SetEnvironmentVariable
 from launch.conditions import IfCondition
@@ -18,6 +20,10 @@ from launch.substitutions import (
 from launch_ros.actions import Node
 from launch_ros.substitutions import FindPackageShare
 
+# What names the profile: Fast DDS 2 reads the old variable only, version 3 calls it deprecated.
+OLD = os.environ.get('ROS_DISTRO') in ('humble', 'iron', 'jazzy')
+PROFILE = 'FASTRTPS_DEFAULT_PROFILES_FILE' if OLD else 'FASTDDS_DEFAULT_PROFILES_FILE'
+
 
 def vehicle(own: str, other: str) -> GroupAction:
     """Describer and registrar of one vehicle; `own` and `other` name launch arguments."""
@@ -27,6 +33,12 @@ def vehicle(own: str, other: str) -> GroupAction:
         ('target/odometry', ['/', LaunchConfiguration(own), '/odometry']),
         ('source/odometry', ['/', LaunchConfiguration(other), '/odometry']),
     ]
+    common = {
+        'arguments': ['--ros-args', '--log-level', LaunchConfiguration('log_level')],
+        'respawn': LaunchConfiguration('respawn'),
+        'respawn_delay': 2.0,
+        'output': 'screen',
+    }
     chosen = PythonExpression(["'", LaunchConfiguration('only'), f"' in ('both', '{own}')"])
     return GroupAction(
         [
@@ -35,7 +47,7 @@ def vehicle(own: str, other: str) -> GroupAction:
                 executable='describer',
                 namespace=LaunchConfiguration(own),
                 parameters=[LaunchConfiguration('describer_params')],
-                output='screen',
+                **common,
             ),
             Node(
                 package='gcl_ros',
@@ -43,7 +55,7 @@ def vehicle(own: str, other: str) -> GroupAction:
                 namespace=LaunchConfiguration(own),
                 parameters=[LaunchConfiguration('registrar_params')],
                 remappings=remappings,
-                output='screen',
+                **common,
             ),
         ],
         condition=IfCondition(chosen),
@@ -74,9 +86,15 @@ def generate_launch_description() -> LaunchDescription:
                 default_value=PathJoinSubstitution([config, 'describer.yaml']),
                 description='parameters of the describers',
             ),
+            DeclareLaunchArgument(
+                'respawn', default_value='false', description='start nodes again if they die'
+            ),
+            DeclareLaunchArgument(
+                'log_level', default_value='info', description='debug, info, warn or error'
+            ),
             SetEnvironmentVariable(
-                'FASTDDS_DEFAULT_PROFILES_FILE',
-                EnvironmentVariable('FASTDDS_DEFAULT_PROFILES_FILE', default_value=profile),
+                PROFILE,
+                EnvironmentVariable(PROFILE, default_value=profile),
             ),
             vehicle('a', 'b'),
             vehicle('b', 'a'),

@@ -3,11 +3,17 @@
 The odometry of both is listened to when `motion.odometry` is set in the parameters.
 """
 
+import os
+
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, SetEnvironmentVariable
 from launch.substitutions import EnvironmentVariable, LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
 from launch_ros.substitutions import FindPackageShare
+
+# What names the profile: Fast DDS 2 reads the old variable only, version 3 calls it deprecated.
+OLD = os.environ.get('ROS_DISTRO') in ('humble', 'iron', 'jazzy')
+PROFILE = 'FASTRTPS_DEFAULT_PROFILES_FILE' if OLD else 'FASTDDS_DEFAULT_PROFILES_FILE'
 
 
 def shared(*parts: str) -> PathJoinSubstitution:
@@ -31,6 +37,7 @@ def generate_launch_description() -> LaunchDescription:
                 default_value='target/odometry',
                 description='own nav_msgs/Odometry',
             ),
+            DeclareLaunchArgument('name', default_value='registrar', description='of the node'),
             DeclareLaunchArgument('namespace', default_value='', description='of the node'),
             DeclareLaunchArgument(
                 'params_file',
@@ -40,15 +47,20 @@ def generate_launch_description() -> LaunchDescription:
             DeclareLaunchArgument(
                 'use_sim_time', default_value='false', description='take the time from /clock'
             ),
+            DeclareLaunchArgument(
+                'respawn', default_value='false', description='start the node again if it dies'
+            ),
+            DeclareLaunchArgument(
+                'log_level', default_value='info', description='debug, info, warn or error'
+            ),
             SetEnvironmentVariable(
-                'FASTDDS_DEFAULT_PROFILES_FILE',
-                EnvironmentVariable(
-                    'FASTDDS_DEFAULT_PROFILES_FILE', default_value=shared('config', 'fastdds.xml')
-                ),
+                PROFILE,
+                EnvironmentVariable(PROFILE, default_value=shared('config', 'fastdds.xml')),
             ),
             Node(
                 package='gcl_ros',
                 executable='registrar',
+                name=LaunchConfiguration('name'),
                 namespace=LaunchConfiguration('namespace'),
                 parameters=[
                     LaunchConfiguration('params_file'),
@@ -60,6 +72,9 @@ def generate_launch_description() -> LaunchDescription:
                     ('source/odometry', LaunchConfiguration('source_odometry')),
                     ('target/odometry', LaunchConfiguration('target_odometry')),
                 ],
+                arguments=['--ros-args', '--log-level', LaunchConfiguration('log_level')],
+                respawn=LaunchConfiguration('respawn'),
+                respawn_delay=2.0,
                 output='screen',
             ),
         ]

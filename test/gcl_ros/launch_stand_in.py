@@ -49,11 +49,14 @@ class Started:
     parameters: list[str | dict[str, str]]
     remappings: list[tuple[str, str]]
     arguments: list[str]
+    name: str
+    respawn: str
 
     @property
     def ros_arguments(self) -> list[str]:
         """What the process gets after `--ros-args`."""
         parts = ['-r', f'__ns:=/{self.namespace.strip("/")}'] if self.namespace else []
+        parts += ['-r', f'__node:={self.name}'] if self.name else []
         for given in self.parameters:
             if isinstance(given, str):
                 parts += ['--params-file', given]
@@ -246,16 +249,20 @@ class Node(Action):
         *,
         executable: Any,
         package: Any,
-        name: Any = None,
+        name: Any = '',
         namespace: Any = '',
         parameters: list[Any] | None = None,
         remappings: list[tuple[Any, Any]] | None = None,
         arguments: Iterable[Any] = (),
         output: str = 'log',
+        respawn: Any = 'false',
+        respawn_delay: float | None = None,
         **kwargs: Any,
     ) -> None:
         super().__init__(**kwargs)
         assert output in ('log', 'screen', 'both')
+        assert respawn_delay is None or respawn_delay > 0
+        self.name, self.respawn = name, respawn
         self.package, self.executable, self.namespace = package, executable, namespace
         self.parameters, self.remappings = parameters or [], remappings or []
         self.arguments = list(arguments)
@@ -276,6 +283,8 @@ class Node(Action):
             parameters,
             [(text(a), text(b)) for a, b in self.remappings],
             [text(argument) for argument in self.arguments],
+            text(self.name),
+            text(self.respawn),
         )
         context.started.append(started)
 

@@ -12,7 +12,7 @@ from gcl_ros.registrar_node import RegistrarNode
 ROOT = Path(__file__).parents[2]
 LAUNCH = sorted((ROOT / 'launch').glob('*.launch.py'))
 KINDS = {'registrar': RegistrarNode, 'describer': DescriberNode}
-PROFILE = 'FASTDDS_DEFAULT_PROFILES_FILE'
+PROFILE = 'FASTDDS_DEFAULT_PROFILES_FILE'  # where ROS_DISTRO says nothing
 NEEDED = {'registrar': {'source': '/b/points', 'target': '/a/points'}, 'replay': {'bag': '/bag'}}
 
 
@@ -27,10 +27,15 @@ def _load_stand_in():
 stand_in = _load_stand_in()
 
 
-def launched(name, **arguments):
+@pytest.fixture(autouse=True)
+def no_distribution(monkeypatch):
+    monkeypatch.delenv('ROS_DISTRO', raising=False)
+
+
+def launched(file, /, **arguments):
     """What would be started; the checkout has the layout of the installed share folder."""
-    needed = NEEDED.get(name, {})
-    return stand_in.launched(ROOT / 'launch' / f'{name}.launch.py', ROOT, **needed | arguments)
+    needed = NEEDED.get(file, {})
+    return stand_in.launched(ROOT / 'launch' / f'{file}.launch.py', ROOT, **needed | arguments)
 
 
 def come_up(rig, started):
@@ -69,6 +74,35 @@ def test_one_registrar(rig):
     assert wanted <= subscribed
     assert {'/roof/registrar/transform', '/roof/registrar/pose'} <= published
     assert node.get_parameter('use_sim_time').value
+
+
+def test_a_node_is_named_told_how_much_to_log_and_started_again_on_request(rig):
+    context = launched('registrar', name='roof', log_level='warn', respawn='true')
+    (started,) = context.started
+    assert started.arguments == ['--ros-args', '--log-level', 'warn']
+    assert started.respawn == 'true'
+    _, _, published = come_up(rig, started)
+    assert '/roof/transform' in published
+    for started in launched('both_vehicles', log_level='debug', respawn='true').started:
+        assert started.arguments == ['--ros-args', '--log-level', 'debug']
+        assert started.respawn == 'true'
+    assert {started.respawn for started in launched('both_vehicles').started} == {'false'}
+
+
+@pytest.mark.parametrize(
+    ('distribution', 'key'),
+    [
+        ('humble', 'FASTRTPS_DEFAULT_PROFILES_FILE'),
+        ('jazzy', 'FASTRTPS_DEFAULT_PROFILES_FILE'),
+        ('kilted', 'FASTDDS_DEFAULT_PROFILES_FILE'),
+    ],
+)
+@pytest.mark.parametrize('name', ['registrar', 'both_vehicles', 'replay'])
+def test_big_clouds_have_room_on_every_distribution(monkeypatch, name, distribution, key):
+    monkeypatch.setenv('ROS_DISTRO', distribution)
+    environment = launched(name).environment
+    assert Path(environment.pop(key)).name == 'fastdds.xml'
+    assert not environment
 
 
 def test_what_is_required_is_asked_for():
