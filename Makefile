@@ -1,9 +1,11 @@
 # make demo: two vehicles meet.  make test: the test suite.  Both set everything up first.
 PYTHON ?= python3
 VENV := .venv
+JAZZY := .venv-jazzy
 BIN := $(VENV)/bin
 
-.PHONY: install browser demo test test-aarch64 test-lowest lint type bench bench-engine bench-registration bench-age bench-fuzz \
+.PHONY: install browser demo test test-aarch64 test-jazzy test-lowest lint type bench bench-engine \
+	bench-registration bench-age bench-fuzz \
 	bench-trust soak audit docs clean
 
 install: $(VENV)/installed
@@ -34,6 +36,18 @@ test-lowest:
 	build/lowest/bin/pip install -q --disable-pip-version-check -c constraints-lowest.txt \
 		-e . pytest hypothesis argcomplete tensorboard
 	build/lowest/bin/python -m pytest test/gcl_core
+
+# The tests of gcl_ros, and the demo, on Jazzy's wheels: an environment of its own, 1.5 GB.
+test-jazzy: $(JAZZY)/installed
+	$(JAZZY)/bin/python -m pytest test/gcl_ros
+	$(JAZZY)/bin/python -m gcl_ros.demo --out build/demo-jazzy
+
+$(JAZZY)/installed: setup.py constraints.txt
+	sh .ci/debian-packages
+	$(PYTHON) -m venv $(JAZZY)
+	$(JAZZY)/bin/pip install -q --disable-pip-version-check "torch>=2.4" -c constraints.txt
+	$(JAZZY)/bin/pip install -q --disable-pip-version-check -e ".[ros-jazzy,test]" -c constraints.txt
+	touch $@
 
 browser:  # the report is opened in it
 	sh .ci/debian-packages test
@@ -94,4 +108,4 @@ docs: install
 		--no-show-source --output-directory build/api gcl_core gcl_ros
 
 clean:
-	rm -rf $(VENV) build install log *.egg-info
+	rm -rf $(VENV) $(JAZZY) build install log *.egg-info

@@ -17,7 +17,7 @@ ROSDEP = {
     'matplotlib': 'python3-matplotlib',
     'tqdm': 'python3-tqdm',
 }
-WITH_ROS_ONLY = {'launch', 'launch_ros'}  # no wheels of them
+WITH_ROS_ONLY = {'launch', 'launch_ros', 'tf2_ros_py'}  # no wheels of them
 OPTIONAL = {'argcomplete', 'kiss_matcher', 'rerun', 'tf2_ros', 'spconv', 'atheris', 'packaging'}
 WHEELS_ONLY = {'rmw_fastrtps_cpp'}  # a ROS installation has a middleware
 
@@ -63,6 +63,18 @@ def test_the_manifest_says_what_comes_by_pip(setup):
     (comment,) = re.findall(r'<!-- (.*) come by pip', (ROOT / 'package.xml').read_text())
     listed = names(re.split(', | and ', comment))
     assert listed == {n.removesuffix('-cpu') for n in setup['install']} - set(ROSDEP)
+
+
+def test_beside_ros_all_of_it_comes_by_pip(setup):
+    """Debian's matplotlib and scipy are built for another numpy than the one that pip brings."""
+    page = (ROOT / 'docs/install.md').read_text().replace('\\\n', '')
+    (line,) = re.findall(r'pip install -c src/gcl_ros/constraints.txt (.*)', page)
+    assert names(line.split()) == setup['install'] - {'open3d'}
+
+
+def test_the_manifest_says_who_and_where(manifest):
+    assert manifest.findtext('author')
+    assert manifest.findtext('url').startswith('https://')
 
 
 def test_version_and_licence_are_the_same(setup, manifest):

@@ -112,7 +112,7 @@ def check_node(name, arguments):
         if flag == '-p' and not value.startswith('use_sim_time:='):
             assert has_key(NODES[name], value.partition(':=')[0].split('.')), value
         if flag == '--params-file':
-            assert (ROOT / value).is_file(), value
+            assert (ROOT / value.replace('$CONFIG', 'config')).is_file(), value
 
 
 def has_key(kind, parts):
