@@ -81,7 +81,7 @@ class DescriberNode(ConfiguredNode[DescriberConfig]):
         self._hash = weights_hash(self._model)
         self._publisher = self.create_publisher(PointCloud2, 'features', 1)
         rmw = rclpy.get_rmw_implementation_identifier()
-        if lost := transport.warning(rmw, reliable=config.reliable, keys=transport.profile_keys()):
+        if lost := transport.warning(rmw, reliable=config.reliable, read=transport.read_here()):
             self.get_logger().warning(lost)
 
     def begin(self) -> None:

@@ -137,7 +137,7 @@ class RegistrarNode(ConfiguredNode[NodeConfig]):
         for name in config.sources:
             self._links[name] = Link(self, name, wanted)
         rmw = rclpy.get_rmw_implementation_identifier()
-        if lost := transport.warning(rmw, reliable=config.reliable, keys=transport.profile_keys()):
+        if lost := transport.warning(rmw, reliable=config.reliable, read=transport.read_here()):
             self.get_logger().warning(lost)
 
     def begin(self) -> None:

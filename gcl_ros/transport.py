@@ -13,9 +13,14 @@ from gcl_core.errors import GclError
 
 FASTDDS, FASTRTPS = 'FASTDDS_DEFAULT_PROFILES_FILE', 'FASTRTPS_DEFAULT_PROFILES_FILE'
 PROFILE_KEYS = (FASTDDS, FASTRTPS)
-# What names the profile, by the library of Fast DDS 3 (Kilted) and 2 (Jazzy, Humble). Version 3
-# takes the old name too, and calls it deprecated.
-READS = {'libfastdds.so': PROFILE_KEYS, 'libfastrtps.so': (FASTRTPS,)}
+TRANSPORTS = 'FASTDDS_BUILTIN_TRANSPORTS'
+# What Fast DDS reads, by its library: 3 (Kilted), which takes the profile's old name too and calls
+# it deprecated; 2.6 (Humble); 2.14 (Jazzy). The transports came with 2.13.
+READS = {
+    'libfastdds.so': (*PROFILE_KEYS, TRANSPORTS),
+    'libfastrtps.so.2.6': (FASTRTPS,),
+    'libfastrtps.so': (FASTRTPS, TRANSPORTS),
+}
 FOLDERS = Path(__file__).resolve().parents
 PLACES = FOLDERS[1], *(folder / 'share/gcl_ros' for folder in FOLDERS)  # a checkout; a prefix
 PROFILE = next((p for place in PLACES if (p := place / 'config/fastdds.xml').is_file()), None)
@@ -26,10 +31,10 @@ SEGMENT = re.compile(r'<segment_size>\s*(\d+)\s*</segment_size>')
 def keep_local() -> None:
     """Let this process and its children talk on this machine only, big clouds included."""
     given = next((path for key in PROFILE_KEYS if (path := os.environ.get(key))), PROFILE)
-    keys = profile_keys()
+    keys = read_here()
     if given is None:
         raise GclError(f'config/fastdds.xml was not installed; set {keys[0]} to a copy')
-    if not any(os.environ.get(key) for key in keys):
+    if not any(os.environ.get(key) for key in keys if key in PROFILE_KEYS):
         os.environ[keys[0]] = str(given)
     if os.environ.get('ROS_DISTRO') == 'humble':
         os.environ.setdefault('ROS_LOCALHOST_ONLY', '1')
@@ -48,8 +53,8 @@ def unprotected() -> str | None:
     )
 
 
-def profile_keys(loaded: str | None = None) -> tuple[str, ...]:
-    """Names of the variables from which Fast DDS takes its profile here; the first is its own.
+def read_here(loaded: str | None = None) -> tuple[str, ...]:
+    """Names of the variables that Fast DDS reads here, first that of its profile.
 
     Args:
         loaded: names of libraries; by default those of this process, as Linux tells them.
@@ -58,11 +63,12 @@ def profile_keys(loaded: str | None = None) -> tuple[str, ...]:
         rclpy.get_rmw_implementation_identifier()  # loads the middleware
         maps = Path('/proc/self/maps')
         loaded = maps.read_text() if maps.exists() else ''
-    return next((keys for library, keys in READS.items() if library in loaded), PROFILE_KEYS)
+    newest = READS['libfastdds.so']
+    return next((names for library, names in READS.items() if library in loaded), newest)
 
 
 def warning(
-    rmw: str, *, reliable: bool, keys: Sequence[str], environment: Mapping[str, str] = os.environ
+    rmw: str, *, reliable: bool, read: Sequence[str], environment: Mapping[str, str] = os.environ
 ) -> str | None:
     """What to say about big clouds at start; None when they will arrive.
 
@@ -72,25 +78,22 @@ def warning(
     Args:
         rmw: identifier of the middleware, such as `rmw_fastrtps_cpp`.
         reliable: whether the subscriptions are.
-        keys: variables that name the profile, see `profile_keys`.
+        read: variables that Fast DDS reads, see `read_here`.
         environment: of the process.
     """
-    if (
-        reliable
-        or 'fastrtps' not in rmw
-        or 'LARGE_DATA' in environment.get('FASTDDS_BUILTIN_TRANSPORTS', '')
-    ):
+    given = {name: value for name in read if (value := environment.get(name))}
+    if reliable or 'fastrtps' not in rmw or 'LARGE_DATA' in given.get(TRANSPORTS, ''):
         return None
     remedy = (
         'set it to config/fastdds.xml of this package for publishers and node, or reliable:=true'
     )
-    path = next((environment[key] for key in keys if environment.get(key)), '')
+    path = next((given[key] for key in PROFILE_KEYS if key in given), '')
     if not path:
         other = next((key for key in PROFILE_KEYS if environment.get(key)), None)
         unread = f' ({other} is, which this version does not read)' if other else ''
         return (
             'Fast DDS loses best-effort clouds over 512 kB with its default transport; '
-            f'{keys[0]} is not set{unread}: {remedy}'
+            f'{read[0]} is not set{unread}: {remedy}'
         )
     try:
         sizes = SEGMENT.findall(Path(path).read_text())

@@ -22,7 +22,7 @@ from std_srvs.srv import Trigger
 from gcl_core import se3
 from gcl_ros.bench_stream import make
 from gcl_ros.conversions import fill_point_cloud2
-from gcl_ros.transport import PROFILE, profile_keys
+from gcl_ros.transport import PROFILE, read_here
 
 PATIENCE = 60.0  # seconds, on a machine that is busy with something else
 
@@ -166,7 +166,7 @@ class Rig:
 @pytest.fixture
 def rig(monkeypatch):
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    monkeypatch.setenv(profile_keys()[0], str(PROFILE))
+    monkeypatch.setenv(read_here()[0], str(PROFILE))
     made = Rig()
     yield made
     made.close()

@@ -20,7 +20,7 @@ from gcl_core.evaluation import metrics
 from gcl_ros.bag import pair_encounters, write_bag
 from gcl_ros.registrar_node import RegistrarNode
 from gcl_ros.session import through_node
-from gcl_ros.transport import PROFILE, profile_keys
+from gcl_ros.transport import PROFILE, read_here
 
 ROOT = Path(__file__).parents[2]
 READY = 60.0  # seconds that a loaded machine may take to start the node
@@ -33,7 +33,7 @@ def environment():
         **os.environ,
         'ROS_DOMAIN_ID': str(random.randint(1, 100)),
         'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-        profile_keys()[0]: str(PROFILE),
+        read_here()[0]: str(PROFILE),
         'PYTHONPATH': str(ROOT),
         'PYTHONUNBUFFERED': '1',
     }

@@ -17,13 +17,13 @@ from gcl_ros.soak.faults import Fault, Kind, active, schedule
 from gcl_ros.soak.machine import Machine
 from gcl_ros.soak.publisher import PERIOD, SCENE, Vehicle
 from gcl_ros.soak.watch import FLAT, in_short, memory_change
-from gcl_ros.transport import PROFILE, profile_keys
+from gcl_ros.transport import PROFILE, read_here
 
 ROOT = Path(__file__).parents[2]
 ALONE = {  # what a run sets for its processes
     'ROS_DOMAIN_ID': DOMAIN,
     'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-    profile_keys()[0]: str(PROFILE),
+    read_here()[0]: str(PROFILE),
 }
 
 
