@@ -203,7 +203,7 @@ def test_safe_values_change_while_active(live):
     config = live.node.config
     assert config.max_pair_dt == 1.0
     assert config.registrar.min_probability == 0.5
-    assert live.node._exchange.registrar.config.estimator.ransac.samples == 1000
+    assert config.registrar.estimator.ransac.samples == 1000
 
 
 @pytest.mark.parametrize('service', ['set_parameters', 'set_parameters_atomically'])

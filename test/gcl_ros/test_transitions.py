@@ -18,10 +18,9 @@ from gcl_ros.views import Views
 EVERYTHING = {'motion__odometry': True, 'publish_aligned': True, 'publish_matches': True}
 
 
-def held(node) -> tuple[list[str], int]:
-    """Topics that a node publishes and subscribes, and threads of the process."""
-    ends = [*node.publishers, *node.subscriptions]
-    return sorted(end.topic_name for end in ends), threading.active_count()
+def topics(node) -> list[str]:
+    """What a node publishes and subscribes."""
+    return sorted(end.topic_name for end in [*node.publishers, *node.subscriptions])
 
 
 @pytest.mark.parametrize('kind', [RegistrarNode, DescriberNode])
@@ -44,17 +43,18 @@ def test_a_transition_that_fails_leaves_nothing_behind(rig, kind, monkeypatch):
         monkeypatch.setattr(node, name, failing(getattr(node, name)))
     failures = 0
     for trigger in (node.trigger_configure, node.trigger_activate):
-        before, limit[0] = held(node), 0
+        before, threads, limit[0] = topics(node), set(threading.enumerate()), 0
         while True:
             made.clear()
             trigger()
             if not node.problem:
                 break
             assert 'no room' in node.problem
-            assert held(node) == before, f'after {limit[0]} were made'
+            assert topics(node) == before, f'after {limit[0]} were made'
+            assert set(threading.enumerate()) <= threads
             failures += 1
             limit[0] += 1
-        assert len(held(node)[0]) == len(before[0]) + limit[0]
+        assert len(topics(node)) == len(before) + limit[0]
     assert node.state == 'active'
     assert failures == (9 if kind is RegistrarNode else 2)
 
