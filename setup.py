@@ -30,6 +30,7 @@ setup(
     python_requires='>=3.10',
     packages=find_packages(include=['gcl_core*', 'gcl_ros*']),
     package_data={
+        'gcl_core': ['py.typed'],
         'gcl_core.compact': ['priors.xz'],
         'gcl_core.models': ['weights/*'],
         'gcl_core.ops.native': ['*.cpp', '*.h'],

@@ -1,5 +1,8 @@
 """Distant registration of LiDAR scans with density-invariant features (GCL, ICCV 2023).
 
+    result = gcl_core.register(source, target)    # arrays, PointCloud or files
+    result.accepted, result.T_target_source, result.probability, result.covariance, result.reason
+
 The way of the data, each arrow a type of `gcl_core.types`, each verb a folder:
 
     PointCloud2 ─ gcl_ros.conversions ─▶ PointCloud ─ ops.heading, ops.voxelize ─▶ SparseTensor
@@ -11,8 +14,34 @@ Evaluation branches off at Registration: evaluation.plan ─▶ runner ─▶ sc
 `registrar.py` is the whole of it on one page. Nothing here imports rclpy.
 """
 
+from __future__ import annotations
+
 import os
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from gcl_core.api import register
+    from gcl_core.errors import GclError
+    from gcl_core.registrar import Registrar, RegistrarConfig
+    from gcl_core.types import PointCloud, Registration
 
 # Read when torch loads OpenMP: threads that wait sleep instead of spinning, so that the cores are
 # free for the rest of the robot.
 os.environ.setdefault('OMP_WAIT_POLICY', 'PASSIVE')
+
+_HOME = {  # module of each name; loaded when it is first asked for, since torch takes seconds
+    'register': 'api',
+    'Registrar': 'registrar',
+    'RegistrarConfig': 'registrar',
+    'PointCloud': 'types',
+    'Registration': 'types',
+    'GclError': 'errors',
+}
+__all__ = ['GclError', 'PointCloud', 'Registrar', 'RegistrarConfig', 'Registration', 'register']
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
+    return getattr(import_module(f'{__name__}.{_HOME[name]}'), name)

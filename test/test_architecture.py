@@ -21,9 +21,9 @@ LAYERS = [
         'provenance',
     },
     {'ops'},
-    {'models', 'matching', 'estimation'},
+    {'models', 'matching', 'estimation', 'compact'},
     {'registrar', 'data', 'losses'},
-    {'training', 'evaluation'},
+    {'training', 'evaluation', 'api'},
     {'cli', 'bench'},
 ]
 

@@ -41,21 +41,7 @@ def add_parser(commands: Any) -> None:
     )
     parser.add_argument('--seed', type=seed, help='of the pairs and of the headings; default: 0')
     parser.add_argument('--random-yaw', action='store_true', help='turn each source at random')
-    parser.add_argument(
-        '--deskew',
-        type=float,
-        default=0.0,
-        metavar='SECONDS',
-        help="of a sweep, such as 0.1: straighten scans that carry the vehicle's own motion, as "
-        'KITTI raw, by the speed that poses and times.txt tell',
-    )
-    parser.add_argument(
-        '--compact',
-        type=float,
-        default=0.0,
-        metavar='METRES',
-        help='voxel size, such as 0.25: send compact scans and register what arrives',
-    )
+    _add_what_becomes_of_scans(parser)
     add_json(parser)
     own = parser.add_argument_group('methods, without --config')
     own.add_argument('--registrar', type=Path, help='YAML of RegistrarConfig')
@@ -73,4 +59,23 @@ def add_parser(commands: Any) -> None:
         default=list(FEATURES),
         choices=FEATURES,
         help='for estimators; default: both',
+    )
+
+
+def _add_what_becomes_of_scans(parser: Any) -> None:
+    """Options for what happens to each scan before it is registered."""
+    parser.add_argument(
+        '--deskew',
+        type=float,
+        default=0.0,
+        metavar='SECONDS',
+        help="of a sweep, such as 0.1: straighten scans that carry the vehicle's own motion, as "
+        'KITTI raw, by the speed that poses and times.txt tell',
+    )
+    parser.add_argument(
+        '--compact',
+        type=float,
+        default=0.0,
+        metavar='METRES',
+        help='voxel size, such as 0.25: send compact scans and register what arrives',
     )
