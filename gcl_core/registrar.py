@@ -23,11 +23,10 @@ from gcl_core.estimation.decision import (
     summary,
 )
 from gcl_core.estimation.estimators import EstimatorConfig, estimate
-from gcl_core.estimation.evidence import SWEEP, Scene
+from gcl_core.estimation.evidence import Scene
 from gcl_core.estimation.hypothesis import Hypothesis, ranked
 from gcl_core.estimation.likeness import keypoint_grid, raised
-from gcl_core.estimation.refine import Prepared, RefineConfig, prepare
-from gcl_core.estimation.surface import Surface, surface
+from gcl_core.estimation.refine import RefineConfig
 from gcl_core.files import sha256
 from gcl_core.matching.match import MatchConfig, match
 from gcl_core.models import zoo
@@ -35,6 +34,7 @@ from gcl_core.ops.native.instructions import held
 from gcl_core.ops.native.kernels import kernels_for
 from gcl_core.stopwatch import Stopwatch
 from gcl_core.types import Features, PointCloud, Registration
+from gcl_core.view import View, thinner, undescribed, with_key_points
 
 FEWEST_KEY_POINTS = 100  # anything fits a handful of points
 TURN_MARGIN = 0.6  # of what weights bear: beyond it, headings are another turn's business
@@ -91,39 +91,6 @@ class RegistrarConfig:
         return (*few, self.turns)
 
 
-@dataclass(frozen=True)
-class View:
-    """One scan, ready to be registered to others; made once per scan.
-
-    Attributes:
-        T_view_lidar: turns the scan to its street; all else is in the frame that it leads to.
-        headings: features in the frames turned by `turns`; none yet of `undescribed`.
-        turns: T_turned_view of each heading; the identity alone where it is a target.
-        surface: for checks.
-        prepared: for refinement.
-        points: number of them, or of the key points that stand in for them.
-        keypoints: whether key points stand in for the scan's own.
-    """
-
-    T_view_lidar: Float[np.ndarray, '4 4']
-    headings: list[Features]
-    turns: Float[torch.Tensor, 'turns 4 4']
-    surface: Surface
-    prepared: Prepared
-    points: int
-    keypoints: bool = False
-
-
-def with_key_points(source: View, target: View) -> bool:
-    """Whether key points stand in for a scan of a pair."""
-    return source.keypoints or target.keypoints
-
-
-def thinner(source: View, target: View) -> int:
-    """Points of the thinner scan of a pair; `SWEEP` where key points tell nothing of a sensor."""
-    return SWEEP if with_key_points(source, target) else min(source.points, target.points)
-
-
 def settings_hash(config: RegistrarConfig) -> str:
     """Tells apart what a calibration depends on, from matches to refined transforms."""
     estimator = {'name': config.estimator.name} | asdict(
@@ -134,30 +101,6 @@ def settings_hash(config: RegistrarConfig) -> str:
         settings.pop(indifferent, None)
     held = [asdict(config.match), estimator, asdict(config.verify), refinement]
     return hashlib.sha256(json.dumps(held, sort_keys=True).encode()).hexdigest()
-
-
-def undescribed(
-    cloud: PointCloud,
-    T_view_lidar: Float[np.ndarray, '4 4'],
-    config: RefineConfig,
-    *,
-    keypoints: bool = False,
-) -> View:
-    """All of a view that does not depend on headings; `keypoints` says what the cloud is of.
-
-    Raises:
-        GclError: no point lies within 80 m.
-    """
-    cloud = cloud.moved(T_view_lidar)
-    return View(
-        T_view_lidar=T_view_lidar,
-        headings=[],
-        turns=torch.empty(0, 4, 4, dtype=torch.float64),
-        surface=surface(cloud),
-        prepared=prepare(cloud, config),
-        points=len(cloud),
-        keypoints=keypoints,
-    )
 
 
 class Registrar:

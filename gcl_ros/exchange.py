@@ -22,9 +22,10 @@ from jaxtyping import Float
 from gcl_core import se3
 from gcl_core.errors import GclError
 from gcl_core.evaluation.agreement import agreeing
-from gcl_core.registrar import FEWEST_KEY_POINTS, Registrar, View
+from gcl_core.registrar import FEWEST_KEY_POINTS, Registrar
 from gcl_core.stopwatch import Stopwatch
 from gcl_core.types import Correspondences, PointCloud, Registration
+from gcl_core.view import View
 from gcl_ros.conversions import name_of, point_cloud
 from gcl_ros.deskew import Swept
 from gcl_ros.feature_cloud import feature_cloud, is_feature_cloud, weights_hash

@@ -10,8 +10,9 @@ import torch
 from jaxtyping import Float
 
 from gcl_core import se3
-from gcl_core.registrar import Registrar, View, undescribed
+from gcl_core.registrar import Registrar
 from gcl_core.types import PointCloud
+from gcl_core.view import View, undescribed
 from gcl_ros.deskew import Swept
 from gcl_ros.feature_cloud import Described
 from gcl_ros.recent import Recent

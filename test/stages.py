@@ -24,8 +24,9 @@ from gcl_core.estimation.decision import examine, summary
 from gcl_core.estimation.estimators import EstimatorConfig, estimate
 from gcl_core.matching.match import match
 from gcl_core.ops.native.build import library
-from gcl_core.registrar import Registrar, RegistrarConfig, View
+from gcl_core.registrar import Registrar, RegistrarConfig
 from gcl_core.types import PointCloud
+from gcl_core.view import View
 
 
 def digest(value: Any) -> str:

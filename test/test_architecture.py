@@ -22,7 +22,7 @@ LAYERS = [
     },
     {'ops'},
     {'models', 'matching', 'estimation', 'compact'},
-    {'registrar', 'data', 'losses'},
+    {'registrar', 'view', 'data', 'losses'},
     {'training', 'evaluation', 'api'},
     {'cli', 'bench'},
 ]

@@ -16,7 +16,8 @@ from gcl_core.data.simulator.sequence import SimulatedSequence
 from gcl_core.evaluation.barren import BarrenSequence
 from gcl_core.evaluation.encounters import Seen, see
 from gcl_core.evaluation.repeated import RepeatedSequence
-from gcl_core.registrar import Registrar, View
+from gcl_core.registrar import Registrar
+from gcl_core.view import View
 
 FIRST_WORLD = 800_000_000  # neither training nor calibration takes these
 WORLDS = 6  # of one kind of place in a group

@@ -8,8 +8,8 @@ from jaxtyping import Float
 
 from gcl_core import se3
 from gcl_core.matching.match import MatchConfig, match
-from gcl_core.registrar import View
 from gcl_core.types import Correspondences
+from gcl_core.view import View
 
 REACH = 1.0  # metres between a match's two points after the transform
 

@@ -16,8 +16,9 @@ from gcl_core.data.simulator.sequence import SimulatedSequence
 from gcl_core.evaluation.barren import BarrenSequence
 from gcl_core.evaluation.repeated import RepeatedSequence
 from gcl_core.evaluation.trials import Trial, blurred, run_trial, thinned
-from gcl_core.registrar import Registrar, View
+from gcl_core.registrar import Registrar
 from gcl_core.types import PointCloud
+from gcl_core.view import View
 
 MAX_BLUR = 0.4  # noise on descriptors: few inliers, as on real scans beyond 30 m
 MAX_SKEW = 0.5  # metres that a sweep is drawn out by uncompensated motion

@@ -24,7 +24,8 @@ from gcl_core.files import check_writable, sha256, write_text
 from gcl_core.models import zoo
 from gcl_core.progress import progress
 from gcl_core.provenance import provenance_for
-from gcl_core.registrar import Registrar, RegistrarConfig, View
+from gcl_core.registrar import Registrar, RegistrarConfig
+from gcl_core.view import View
 
 PAIRS = 404  # of a group
 

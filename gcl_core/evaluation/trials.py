@@ -21,9 +21,10 @@ from gcl_core.estimation.surface import surface
 from gcl_core.evaluation import metrics
 from gcl_core.files import whole_file
 from gcl_core.matching.keypoints import selected
-from gcl_core.registrar import Registrar, View, with_key_points
+from gcl_core.registrar import Registrar
 from gcl_core.stopwatch import Stopwatch
 from gcl_core.types import Features, PointCloud
+from gcl_core.view import View, with_key_points
 
 GATE_MARGIN = 1.0  # log odds below the gate that are refined all the same: to set a new one
 

@@ -21,8 +21,9 @@ from gcl_core.evaluation.trials import thinned
 from gcl_core.matching import match
 from gcl_core.matching.match import MatchConfig
 from gcl_core.models import zoo
-from gcl_core.registrar import Registrar, RegistrarConfig, undescribed
+from gcl_core.registrar import Registrar, RegistrarConfig
 from gcl_core.types import PointCloud
+from gcl_core.view import undescribed
 
 ROOT = Path(__file__).parents[2]
 
