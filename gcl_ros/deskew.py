@@ -5,7 +5,7 @@ At 20 m/s a scan of 0.1 s is 2 m long. What is not undone is said, and is part o
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,6 @@ from gcl_core import se3
 from gcl_core.ops.deskew import deskewed as straightened
 from gcl_core.types import PointCloud
 from gcl_ros.conversions import every_point, finite, kept, seconds
-from gcl_ros.feature_cloud import is_feature_cloud
 from gcl_ros.motion import difference
 from gcl_ros.odometry import MAX_GAP, Odometry
 from gcl_ros.point_times import point_times
@@ -33,12 +32,25 @@ class Swept:
         why: it is taken so; empty where there was nothing to undo or it was undone.
         timeless: points without a time, which stay where they are.
         left: motion that was not undone: metres along, radians about the LiDAR's x, y, z.
+        awaits: stamp that odometry has to reach before it can be undone, seconds; None where
+            waiting helps nothing.
+        by_sender: a compact scan: whatever could be undone was, before it was sent.
     """
 
     cloud: PointCloud | None = None
     why: str = ''
     timeless: int = 0
     left: Float[np.ndarray, '6'] = field(default_factory=lambda: np.zeros(6))
+    awaits: float | None = None
+    by_sender: bool = False
+
+    def told(self) -> str:
+        """Whether the scan is de-skewed, for the diagnostics."""
+        if self.by_sender:
+            return 'by its sender, whose diagnostics say whether'
+        if self.why:
+            return f'no: {self.why}'
+        return f'yes, but {self.timeless} points have no time' if self.timeless else 'yes'
 
 
 def deskewed(message: Any, odometry: Odometry, sweep: float = SWEEP) -> Swept:
@@ -56,10 +68,6 @@ def deskewed(message: Any, odometry: Odometry, sweep: float = SWEEP) -> Swept:
     if sweep == 0:
         return Swept()
     stamp = seconds(message.header.stamp)
-    if is_feature_cloud(message):
-        return _as_it_came(
-            'it comes described: nothing can be undone here', odometry, stamp, sweep
-        )
     points = every_point(message)
     times = point_times(message, points)
     if times.seconds is None:
@@ -68,7 +76,8 @@ def deskewed(message: Any, odometry: Odometry, sweep: float = SWEEP) -> Swept:
     began, ended = float(after[seen].min()), float(after[seen].max())
     why = _gap(odometry, stamp, stamp + after[seen])
     if why:
-        return _as_it_came(why, odometry, stamp + began, ended - began)
+        as_it_came = _as_it_came(why, odometry, stamp + began, ended - began)
+        return replace(as_it_came, awaits=_awaited(odometry, stamp + max(ended, 0.0)))
     first, last = odometry.known
     after = np.where((stamp + after >= first) & (stamp + after <= last), after, np.nan)
     stamps, poses = odometry.over(stamp + began, stamp + ended)
@@ -98,6 +107,12 @@ def _gap(odometry: Odometry, stamp: float, when: Float[np.ndarray, ' n']) -> str
     stamps, _ = odometry.over(min(stamp, when.min()), max(stamp, when.max()))
     widest = max(np.diff(stamps), default=np.inf)
     return f'odometry has a gap of {widest:.2f} s there' if widest > MAX_GAP else ''
+
+
+def _awaited(odometry: Odometry, end: float) -> float | None:
+    """When a scan ends, if odometry has not come so far and is about to."""
+    newest = odometry.newest
+    return end if newest is not None and 0 < end - newest < MAX_GAP else None
 
 
 def _as_it_came(why: str, odometry: Odometry, began: float, span: float) -> Swept:

@@ -8,32 +8,25 @@ Publishes: `~/track` (geometry_msgs/PoseWithCovarianceStamped), until no registr
 from __future__ import annotations
 
 import threading
-import time
 from dataclasses import dataclass, field, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import PoseWithCovarianceStamped
-from nav_msgs.msg import Odometry as OdometryMessage
 from rclpy.node import Node
-from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from gcl_core import se3
 from gcl_core.errors import GclError
 from gcl_core.types import Registration
-from gcl_ros.conversions import fill_pose, pose_matrix, seconds
+from gcl_ros.conversions import fill_pose
 from gcl_ros.deskew import SWEEP, Swept, deskewed
 from gcl_ros.motion import LATELY, Drift, Relative, RelativeFilter, blurred, carried, difference
 from gcl_ros.odometry import STILL, Odometry
+from gcl_ros.odometry_topic import UNMOUNTED, Mount, OdometryTopic
 from gcl_ros.pairing import JUMP, SIDES, Side
-from gcl_ros.streams import Limits, Stream
-from gcl_ros.wire import subscribe
-from gcl_ros.wiring import wires
+from gcl_ros.streams import Limits
 
 DISAGREE = 3  # registrations of the last ones that contradict odometry, before that is said
-
-Mount = tuple[float, float, float, float, float, float]
 
 
 @dataclass(frozen=True)
@@ -53,8 +46,8 @@ class MotionConfig:
     """
 
     odometry: bool = False
-    source_mount: Mount = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    target_mount: Mount = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    source_mount: Mount = UNMOUNTED
+    target_mount: Mount = UNMOUNTED
     sweep: float = SWEEP
     max_coast: float = 5.0
     drift: Drift = field(default_factory=Drift)
@@ -78,65 +71,31 @@ class Tracking:
         self._node, self._config = node, config
         self._lock = threading.Lock()
         self._filter = RelativeFilter(config.drift)
-        self._odometry: dict[Side, Odometry] = {
-            'source': Odometry(se3.from_xyz_rpy(*config.source_mount)),
-            'target': Odometry(se3.from_xyz_rpy(*config.target_mount)),
-        }
-        self._topics: dict[Side, str] = {
-            'source': f'{source}/odometry',
-            'target': 'target/odometry',
-        }
-        self._streams = self._listening()
         self.swept: dict[Side, Swept] = {}  # of the pair at work, or of the last
-        self._refused: dict[Side, str] = {}
         self._frame = ''
         self._publisher = node.create_publisher(PoseWithCovarianceStamped, f'{prefix}track', 10)
-        qos = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
-        self._inputs = [self._subscribe(side, qos) for side in SIDES]
+        names = {'source': source, 'target': 'target'}
+        mounts = {'source': config.source_mount, 'target': config.target_mount}
+        self._odometry: dict[Side, Odometry] = {}
+        self.topics: dict[Side, OdometryTopic] = {}
+        for side in SIDES:
+            self.topics[side] = OdometryTopic(
+                node, f'{names[side]}/odometry', mounts[side], lock=self._lock, moved=self._moved
+            )
+            self._odometry[side] = self.topics[side].poses
 
-    def _listening(self) -> dict[Side, Stream]:
-        began = time.monotonic()
-        kind = 'nav_msgs/msg/Odometry'
-        return {side: Stream(topic, kind, began=began) for side, topic in self._topics.items()}
-
-    def _subscribe(self, side: Side, qos: QoSProfile) -> Any:
-        return subscribe(
-            self._node,
-            OdometryMessage,
-            self._topics[side],
-            partial(self._moved, side),
-            partial(self._refuse, side),
-            qos,
-        )
-
-    def _refuse(self, side: Side, reason: str) -> None:
-        with self._lock:
-            self._refused[side] = reason
-
-    def _moved(self, side: Side, message: OdometryMessage) -> None:
-        """Take a pose of one vehicle; publish as far as both are known."""
-        header, clock = message.header, self._node.get_clock().now().nanoseconds * 1e-9
-        frames = f'{header.frame_id} to {message.child_frame_id}'
-        try:
-            T = pose_matrix(message.pose.pose)
-        except GclError as error:
-            self._refuse(side, str(error))
+    def _moved(self) -> None:
+        """Publish as far as both are known, after a pose of one; the lock is held."""
+        newest = [odometry.newest for odometry in self._odometry.values()]
+        estimate = self._filter.estimate
+        if estimate is None or None in newest:
             return
-        stamp = seconds(header.stamp)
-        with self._lock:
-            self._refused.pop(side, None)
-            self._streams[side].note(frames, stamp, now=time.monotonic(), clock=clock)
-            self._odometry[side].add(stamp, T)
-            newest = [odometry.newest for odometry in self._odometry.values()]
-            estimate = self._filter.estimate
-            if estimate is None or None in newest:
-                return
-            stamp = min(newest)
-            if stamp < estimate.stamp - JUMP:
-                self._filter.reset()
-                return
-            if stamp > estimate.stamp and self._filter.carry(stamp, **self._odometry):
-                self._publish(self._filter.estimate)
+        stamp = min(newest)
+        if stamp < estimate.stamp - JUMP:
+            self._filter.reset()
+            return
+        if stamp > estimate.stamp and self._filter.carry(stamp, **self._odometry):
+            self._publish(self._filter.estimate)
 
     def _publish(self, estimate: Relative) -> None:
         if estimate.stamp - self._filter.confirmed > self._config.max_coast:
@@ -209,7 +168,9 @@ class Tracking:
         """Forget the estimate, and what there was to say."""
         with self._lock:
             self._filter.reset()
-            self._streams, self.swept = self._listening(), {}
+            self.swept = {}
+            for topic in self.topics.values():
+                topic.reset()
 
     def warnings(self, now: float, limits: Limits) -> list[str]:
         """Why odometry that is asked for is not used, or not to be trusted.
@@ -218,15 +179,11 @@ class Tracking:
             now: monotonic seconds.
             limits: when to warn.
         """
-        limits = replace(limits, reliable=False)  # odometry is subscribed to best effort
-        graph = {side: wires(self._node, topic) for side, topic in self._topics.items()}
+        found = [odd for side in SIDES for odd in self.topics[side].warnings(now, limits)]
         with self._lock:
-            found = [f'{self._topics[side]} refused: {r}' for side, r in self._refused.items()]
-            for side, stream in self._streams.items():
-                found += stream.warnings(now, limits, graph[side])
             for side, swept in self.swept.items():
                 if swept.why:
-                    name = self._topics[side].removesuffix('/odometry')
+                    name = self.topics[side].name.removesuffix('/odometry')
                     found.append(f'scans of {name} are not de-skewed: {swept.why}')
             wrong = list(self._filter.agreed).count(False)
         if wrong >= DISAGREE:
@@ -241,10 +198,8 @@ class Tracking:
         with self._lock:
             estimate = self._filter.estimate
             rows = {'track contradicted by': str(self._filter.contradicted)}
-            for side, odometry in self._odometry.items():
-                rows[f'{side} odometry'] = 'none' if odometry.newest is None else 'received'
-                if side in self._refused:
-                    rows[f'{side} odometry'] = f'refused: {self._refused[side]}'
+            for side, topic in self.topics.items():
+                rows[f'{side} odometry'] = topic.told()
                 rows[f'{side} de-skewed'] = _told(self.swept.get(side), self._config.sweep)
             if estimate is not None:
                 deviation = float(np.sqrt(np.trace(estimate.covariance[:3, :3])))
@@ -254,17 +209,15 @@ class Tracking:
 
     def destroy(self) -> None:
         """Destroy subscriptions and publisher."""
-        for subscription in self._inputs:
-            self._node.destroy_subscription(subscription)
+        for topic in self.topics.values():
+            topic.destroy()
         self._node.destroy_publisher(self._publisher)
 
 
 def _told(swept: Swept | None, sweep: float) -> str:
     """Whether scans are de-skewed, for the diagnostics."""
-    if sweep == 0:
-        return 'no: motion.sweep is 0, they come so'
     if swept is None:
         return 'no scan yet'
-    if swept.why:
-        return f'no: {swept.why}'
-    return f'yes, but {swept.timeless} points have no time' if swept.timeless else 'yes'
+    if sweep == 0 and not swept.by_sender:
+        return 'no: motion.sweep is 0, they come so'
+    return swept.told()

@@ -352,7 +352,7 @@ def test_odometry_that_contradicts_the_registrations_is_told_of(rig):
             message.header.stamp.sec = number // 2
             message.header.stamp.nanosec = number % 2 * 500_000_000
             fill_pose(message.pose.pose, se3.from_xyz_rpy(x=speed * number / 2))
-            tracking._moved(side, message)
+            tracking.topics[side].receive(message)
         tracking.registered(good, 'a', source=number / 2, target=number / 2)
         found.append(any(words in told for told in tracking.warnings(0.0, limits)))
     assert not any(found[:DISAGREE])

@@ -124,7 +124,7 @@ def across(rig):
                 int(stamp % 1 * 1e9),
             )
             fill_pose(message.pose.pose, se3.from_xyz_rpy(x=speed * stamp))
-            tracking._moved(side, message)
+            tracking.topics[side].receive(message)
     yield tracking
     tracking.destroy()
 
