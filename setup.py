@@ -84,6 +84,7 @@ setup(
     entry_points={
         'console_scripts': [
             'registrar = gcl_ros.registrar:main',
+            'sender = gcl_ros.sender:main',
             'describer = gcl_ros.describer:main',
             'replay = gcl_ros.replay:main',
             'evaluate_bag = gcl_ros.evaluate_bag:main',

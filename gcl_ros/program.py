@@ -14,30 +14,33 @@ if TYPE_CHECKING:
     from gcl_ros.lifecycle import ConfiguredNode
 
 
-def node_parser(name: str, does: str, examples: Sequence[str]) -> argparse.ArgumentParser:
+def node_parser(
+    name: str, does: str, examples: Sequence[str], *, config: str = ''
+) -> argparse.ArgumentParser:
     """What a node takes: nothing but the arguments of ROS.
 
     Args:
         name: of the program.
         does: what it does, for its help.
         examples: lines of its help.
+        config: name of the file of its parameters, where that is not its own.
     """
     description = (
-        f'{does}\nRemappings and parameters follow after --ros-args; config/{name}.yaml explains '
-        'the parameters.'
+        f'{does}\nRemappings and parameters follow after --ros-args; config/{config or name}.yaml '
+        'explains the parameters.'
     )
     usage = f'{name} [-h] [--ros-args ...]'
     return argparse.ArgumentParser(prog=name, usage=usage, **form(description, examples))
 
 
 def run_node(
-    parser: argparse.ArgumentParser, load: Callable[[], type[ConfiguredNode[Any]]]
+    parser: argparse.ArgumentParser, load: Callable[[], Callable[[], ConfiguredNode[Any]]]
 ) -> int:
     """Run a node until Ctrl-C or SIGTERM; returns an exit code.
 
     Args:
         parser: of the command line.
-        load: imports the node's class.
+        load: imports what makes the node.
     """
 
     def work() -> int:
@@ -45,8 +48,8 @@ def run_node(
         with loading():
             from gcl_ros.lifecycle import run
 
-            kind = load()
-        run(kind)
+            make = load()
+        run(make)
         return 0
 
     return run_command(parser.prog, work)

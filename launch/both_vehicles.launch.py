@@ -1,9 +1,10 @@
-"""Both vehicles, features between them: each has a describer and a registrar of its own.
+"""Both vehicles, compact scans between them: each has a sender and a registrar of its own.
 
 `ros2 launch gcl_ros both_vehicles.launch.py a:=vehicle_a b:=vehicle_b` expects the clouds on
 `/vehicle_a/points` and `/vehicle_b/points`; with `motion.odometry` the odometry on
 `/vehicle_a/odometry` and `/vehicle_b/odometry`. Each registrar takes its own raw points as target
-and the other's features as source. Start it with `only:=a` on one vehicle, `only:=b` on the other.
+and the other's compact scans as source. Start it with `only:=a` on one vehicle, `only:=b` on the
+other. With odometry, set `odometry` of the sender too, which undoes the motion during its scans.
 """
 
 import os
@@ -26,10 +27,10 @@ PROFILE = 'FASTRTPS_DEFAULT_PROFILES_FILE' if OLD else 'FASTDDS_DEFAULT_PROFILES
 
 
 def vehicle(own: str, other: str) -> GroupAction:
-    """Describer and registrar of one vehicle; `own` and `other` name launch arguments."""
+    """Sender and registrar of one vehicle; `own` and `other` name launch arguments."""
     remappings = [
         ('target/points', ['/', LaunchConfiguration(own), '/points']),
-        ('source/points', ['/', LaunchConfiguration(other), '/features']),
+        ('source/points', ['/', LaunchConfiguration(other), '/compact']),
         ('target/odometry', ['/', LaunchConfiguration(own), '/odometry']),
         ('source/odometry', ['/', LaunchConfiguration(other), '/odometry']),
     ]
@@ -44,9 +45,9 @@ def vehicle(own: str, other: str) -> GroupAction:
         [
             Node(
                 package='gcl_ros',
-                executable='describer',
+                executable='sender',
                 namespace=LaunchConfiguration(own),
-                parameters=[LaunchConfiguration('describer_params')],
+                parameters=[LaunchConfiguration('sender_params')],
                 **common,
             ),
             Node(
@@ -82,9 +83,9 @@ def generate_launch_description() -> LaunchDescription:
                 description='parameters of the registrars',
             ),
             DeclareLaunchArgument(
-                'describer_params',
-                default_value=PathJoinSubstitution([config, 'describer.yaml']),
-                description='parameters of the describers',
+                'sender_params',
+                default_value=PathJoinSubstitution([config, 'sender.yaml']),
+                description='parameters of the senders',
             ),
             DeclareLaunchArgument(
                 'respawn', default_value='false', description='start nodes again if they die'

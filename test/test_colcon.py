@@ -74,7 +74,7 @@ def test_registrar_runs_from_the_ament_index(workspace, tmp_path):
         text=True,
     )
     assert Path(profile.stdout.strip()) == share / 'config/fastdds.xml'
-    for program in ('registrar', 'describer', 'replay', 'evaluate_bag', 'gcl'):
+    for program in ('registrar', 'sender', 'describer', 'replay', 'evaluate_bag', 'gcl'):
         command = [prefix / 'lib' / 'gcl_ros' / program, '--help']
         helped = subprocess.run(
             command, env=environment, cwd=tmp_path, capture_output=True, text=True

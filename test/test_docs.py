@@ -21,8 +21,8 @@ from gcl_core.models.resunet import ResUNetConfig
 from gcl_core.registrar import RegistrarConfig
 from gcl_core.training.ablation import AblationConfig
 from gcl_core.training.recipe import TrainConfig
-from gcl_ros.describer_node import DescriberConfig
 from gcl_ros.registrar_node import NodeConfig
+from gcl_ros.sender_node import SenderConfig
 
 ROOT = Path(__file__).parents[1]
 PAGES = [*sorted(ROOT.glob('*.md')), *sorted((ROOT / 'docs').glob('*.md'))]
@@ -31,7 +31,7 @@ SCRIPTS = {
     'replay': 'gcl_ros.replay',
     'evaluate_bag': 'gcl_ros.evaluate_bag',
 }
-NODES = {'registrar': NodeConfig, 'describer': DescriberConfig}
+NODES = {'registrar': NodeConfig, 'sender': SenderConfig}
 CONFIGS = {
     'train': TrainConfig,
     'evaluate': BenchmarkConfig,

@@ -27,10 +27,10 @@ from gcl_core.evaluation.compare import PAPER
 from gcl_core.evaluation.peers import PEERS
 from gcl_core.progress import progress
 from gcl_core.to_json import to_json
-from gcl_ros import describer, evaluate_bag, registrar, replay
+from gcl_ros import describer, evaluate_bag, registrar, replay, sender
 from gcl_ros.program import own_arguments
 
-PROGRAMS = (registrar, describer, replay, evaluate_bag)
+PROGRAMS = (registrar, sender, describer, replay, evaluate_bag)
 
 
 def parsers(root):

@@ -140,11 +140,11 @@ class Rig:
         request.transition = Transition(**{key: transition})
         return self.call(ChangeState, f'/{node}/change_state', request).success
 
-    def set(self, name, value):
-        """Set a parameter of the registrar."""
+    def set(self, name, value, node='registrar'):
+        """Set a parameter."""
         request = SetParameters.Request()
         request.parameters = [Parameter(name, value=value).to_parameter_msg()]
-        return self.call(SetParameters, '/registrar/set_parameters', request).results[0]
+        return self.call(SetParameters, f'/{node}/set_parameters', request).results[0]
 
     def says(self, text) -> bool:
         """Whether the diagnostics say something."""

@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 import yaml
 
-from gcl_ros.describer_node import DescriberConfig
 from gcl_ros.parameters import flatten
 from gcl_ros.registrar_node import NodeConfig
+from gcl_ros.sender_node import SenderConfig
 
 ROOT = Path(__file__).parents[2]
 # Explained by the comment over the one before.
@@ -29,14 +29,14 @@ def dotted(values, prefix=''):
 
 
 @pytest.mark.parametrize(
-    ('name', 'config'), [('registrar', NodeConfig()), ('describer', DescriberConfig())]
+    ('name', 'config'), [('registrar', NodeConfig()), ('sender', SenderConfig())]
 )
 def test_the_file_holds_every_parameter_and_its_default(name, config):
     content = yaml.safe_load((ROOT / 'config' / f'{name}.yaml').read_text())
     assert dotted(content['/**']['ros__parameters']) == flatten(config)
 
 
-@pytest.mark.parametrize('name', ['registrar', 'describer'])
+@pytest.mark.parametrize('name', ['registrar', 'sender'])
 def test_a_comment_stands_over_every_parameter(name):
     """Over each, or over the first of some that it explains together, which are named here."""
     lines = (ROOT / 'config' / f'{name}.yaml').read_text().splitlines()

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from gcl_ros.describer_node import DescriberNode
 from gcl_ros.registrar_node import RegistrarNode
+from gcl_ros.sender_node import SenderNode
 
 ROOT = Path(__file__).parents[2]
 LAUNCH = sorted((ROOT / 'launch').glob('*.launch.py'))
-KINDS = {'registrar': RegistrarNode, 'describer': DescriberNode}
+KINDS = {'registrar': RegistrarNode, 'sender': SenderNode}
 PROFILE = 'FASTDDS_DEFAULT_PROFILES_FILE'  # where ROS_DISTRO says nothing
 NEEDED = {'registrar': {'source': '/b/points', 'target': '/a/points'}, 'replay': {'bag': '/bag'}}
 
@@ -113,18 +113,18 @@ def test_what_is_required_is_asked_for():
 
 
 def test_both_vehicles(rig):
-    """Each sees its own points and the other's features, whose topics one launch connects."""
+    """Each sees its own points and the other's compact scans, whose topics one launch connects."""
     started = launched('both_vehicles', a='red', b='blue').started
     names = [(node.namespace, node.executable) for node in started]
-    assert names == [(own, kind) for own in ('red', 'blue') for kind in ('describer', 'registrar')]
+    assert names == [(own, kind) for own in ('red', 'blue') for kind in ('sender', 'registrar')]
     topics = {name: come_up(rig, node)[1:] for name, node in zip(names[:3], started[:3])}
-    subscribed, published = topics['red', 'describer']
+    subscribed, published = topics['red', 'sender']
     assert '/red/points' in subscribed
-    assert '/red/features' in published
+    assert '/red/compact' in published
     subscribed, published = topics['red', 'registrar']
-    assert {'/red/points', '/blue/features', '/red/odometry', '/blue/odometry'} <= subscribed
+    assert {'/red/points', '/blue/compact', '/red/odometry', '/blue/odometry'} <= subscribed
     assert '/red/registrar/transform' in published
-    assert '/blue/features' in topics['blue', 'describer'][1]
+    assert '/blue/compact' in topics['blue', 'sender'][1]
 
 
 @pytest.mark.parametrize(('only', 'namespaces'), [('a', {'vehicle_a'}), ('b', {'vehicle_b'})])

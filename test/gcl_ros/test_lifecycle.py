@@ -21,10 +21,10 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import PointCloud2, PointField
 
 from gcl_ros.conversions import fill_point_cloud2
-from gcl_ros.describer_node import DescriberConfig, DescriberNode
 from gcl_ros.parameters import flatten
 from gcl_ros.ranges import range_of
 from gcl_ros.registrar_node import NodeConfig, RegistrarNode
+from gcl_ros.sender_node import SenderConfig, SenderNode
 
 # (state, transition) that exist, and where they lead
 LEADS = {
@@ -64,23 +64,23 @@ def test_transitions_in_any_order(rig, meeting):
     assert state(rig) == 'finalized'
 
 
-def test_the_describer_takes_transitions_in_any_order_too(rig, meeting):
-    rig.add(DescriberNode, start=False)
+def test_the_sender_takes_transitions_in_any_order_too(rig, meeting):
+    rig.add(SenderNode, start=False)
     points = rig.node.create_publisher(PointCloud2, '/points', 1)
-    features = rig.listen(PointCloud2, '/features')
+    scans = rig.listen(PointCloud2, '/compact')
     cloud = fill_point_cloud2(PointCloud2(), meeting[0], PointField)
     expected, rng = 'unconfigured', random.Random(7)
     for _ in range(25):
         transition = rng.choice(TRANSITIONS)
         points.publish(cloud)
         leads = LEADS.get((expected, transition))
-        assert rig.change(transition, 'describer') == (leads is not None)
+        assert rig.change(transition, 'sender') == (leads is not None)
         expected = leads or expected
-        assert state(rig, 'describer') == expected
+        assert state(rig, 'sender') == expected
     for transition in TRANSITIONS[:2]:
-        rig.change(transition, 'describer')
-    features.clear()
-    assert rig.until(lambda: features, every=lambda: points.publish(cloud))
+        rig.change(transition, 'sender')
+    scans.clear()
+    assert rig.until(lambda: scans, every=lambda: points.publish(cloud))
 
 
 @pytest.mark.parametrize('asked', [99, 'fly', Transition.TRANSITION_ACTIVATE, 'activate'])
@@ -181,10 +181,10 @@ def test_values_that_do_not_fit_are_refused_with_the_reason(live, name, value, r
     assert live.node.config == before
 
 
-@pytest.mark.parametrize('kind', [NodeConfig, DescriberConfig])
+@pytest.mark.parametrize('kind', [NodeConfig, SenderConfig])
 def test_every_number_has_a_range_and_beyond_it_is_refused(rig, kind):
     """But seeds, and lists, which are checked as a whole."""
-    node = rig.add(RegistrarNode if kind is NodeConfig else DescriberNode, start=False)
+    node = rig.add(RegistrarNode if kind is NodeConfig else SenderNode, start=False)
     for name, default in flatten(kind()).items():
         if isinstance(default, bool | str | list) or name.endswith('seed'):
             continue

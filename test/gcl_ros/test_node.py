@@ -143,11 +143,11 @@ UNSTARTED = ['-p', 'autostart:=false']
     ('module', 'number', 'arguments', 'said'),
     [
         ('registrar', INT, [], 'ready'),
-        ('describer', TERM, [], 'ready'),
+        ('sender', TERM, [], 'ready'),
         ('registrar', TERM, UNSTARTED, 'unconfigured'),
         ('registrar', INT, ['-p', 'registrar.turns:=0'], 'will be published'),
     ],
-    ids=['active', 'describer', 'unconfigured', 'misconfigured'],
+    ids=['active', 'sender', 'unconfigured', 'misconfigured'],
 )
 def test_signals_end_it_cleanly_in_every_state(
     environment, tmp_path, module, number, arguments, said

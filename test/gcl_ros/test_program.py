@@ -14,6 +14,7 @@ from gcl_ros.program import own_arguments
 ROOT = Path(__file__).parents[2]
 PROGRAMS = {
     'registrar': ['gcl_ros.registrar'],
+    'sender': ['gcl_ros.sender'],
     'describer': ['gcl_ros.describer'],
     'replay': ['gcl_ros.replay', 'bag'],
     'evaluate_bag': ['gcl_ros.evaluate_bag', 'bag', '--out', 'out'],
@@ -53,7 +54,7 @@ def test_ctrl_c_while_libraries_load_ends_it_without_a_traceback(tmp_path, name,
     assert said == ''
 
 
-@pytest.mark.parametrize('name', ['registrar', 'describer'])
+@pytest.mark.parametrize('name', ['registrar', 'sender', 'describer'])
 @pytest.mark.parametrize(
     ('arguments', 'code', 'says'),
     [
