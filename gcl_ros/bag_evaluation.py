@@ -1,7 +1,7 @@
 """Recall on a bag, through the node or offline, and a peer's.
 
-Offline, the same registrar works on the same clouds without DDS in between; `--keypoints` then
-also describes the source with so many key points, as `describer` sends them.
+Offline, the same registrar works on the same clouds without DDS in between; `--compact` then also
+on the source as `sender` sends it.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from pathlib import Path
 
 import numpy as np
 from rclpy.executors import ExternalShutdownException
-from sensor_msgs.msg import PointCloud2, PointField
 
+from gcl_core.compact.scan import CompactConfig, decode, encode
 from gcl_core.config import load_config
 from gcl_core.data.pairs import BINS, Pair
 from gcl_core.errors import GclError
@@ -28,7 +28,6 @@ from gcl_core.to_json import to_json
 from gcl_core.types import PointCloud
 from gcl_ros.bag import Encounter, pair_list_label, read_encounters
 from gcl_ros.exchange import Exchange
-from gcl_ros.feature_cloud import describe, fill_feature_cloud
 from gcl_ros.report import write_report
 from gcl_ros.session import through_node
 
@@ -104,15 +103,12 @@ def raw(exchange: Exchange) -> Method:
     return method
 
 
-def described(exchange: Exchange, keypoints: int) -> Method:
-    """Registers a source described with so many key points, as it is sent, to a raw target."""
+def compact(exchange: Exchange, config: CompactConfig) -> Method:
+    """Registers a source as it arrives from a `sender` to a raw target."""
+    register = raw(exchange)
 
     def method(source: PointCloud, target: PointCloud) -> np.ndarray | None:
-        features, message = describe(exchange.registrar.model, source, 1), PointCloud2()
-        fill_feature_cloud(message, features, exchange.weights, keypoints, PointField)
-        scans = {'source': exchange.read(message), 'target': exchange.raw(target)}
-        result = exchange.register(**scans).result
-        return result.T_target_source if result.accepted else None
+        return register(decode(encode(source, config)), target)
 
     return method
 
@@ -120,7 +116,8 @@ def described(exchange: Exchange, keypoints: int) -> Method:
 def run(options: argparse.Namespace) -> str:
     """Evaluate, write everything; return the table, or JSON."""
     bag, out = options.bag, options.out
-    direct = bool(options.offline or options.keypoints)
+    direct = bool(options.offline or options.compact)
+    sent = [CompactConfig(voxel_size=size) for size in options.compact]
     _check(options, direct)
     encounters = list(read_encounters(bag))
     if not encounters:
@@ -132,8 +129,8 @@ def run(options: argparse.Namespace) -> str:
     if direct:
         exchange = Exchange(Registrar(config))
         ours: dict[str, Method] = {'GCL-ROS': raw(exchange)}
-        for count in options.keypoints:
-            ours[f'GCL-ROS, {count} key points'] = described(exchange, count)
+        for how in sent:
+            ours[f'GCL-ROS, compact {how.voxel_size:g} m'] = compact(exchange, how)
         methods = ours | methods
     else:
         predictions = live(bag, out, encounters, options.rate, options.set)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from typing import Any
 
-from gcl_core.compact.scan import MOST_VOXELS, decode
+from gcl_core.compact.scan import MOST_VOXELS, SIZE, Header, decode, read_header
 from gcl_core.errors import GclError
 from gcl_core.types import PointCloud
 from gcl_ros.conversions import check_size, name_of
@@ -40,6 +40,25 @@ def fill_compact(message: Any, data: bytes, field_type: Any) -> Any:
     return message
 
 
+def compact_header(message: Any) -> Header:
+    """Read the header of a compact scan alone, which costs next to nothing.
+
+    Args:
+        message: sensor_msgs/PointCloud2 of which `is_compact` holds.
+
+    Raises:
+        GclError: no compact scan, or of another version of gcl_ros.
+    """
+    name = name_of(message)
+    if any(_FEATURES.fullmatch(field.name) for field in message.fields):
+        raise GclError(
+            f'{name} holds features, as `describer` of an older gcl_ros sent them; this version '
+            'does not read them: install it on both vehicles and run `sender` there'
+        )
+    check_size(message, name)
+    return read_header(bytes(message.data[:SIZE]), name)
+
+
 def compact_cloud(message: Any, most_voxels: int = MOST_VOXELS) -> PointCloud:
     """Read a compact scan.
 
@@ -50,11 +69,5 @@ def compact_cloud(message: Any, most_voxels: int = MOST_VOXELS) -> PointCloud:
     Raises:
         GclError: damaged, too large, or of another version of gcl_ros.
     """
-    name = name_of(message)
-    if any(_FEATURES.fullmatch(field.name) for field in message.fields):
-        raise GclError(
-            f'{name} holds features, as `describer` of an older gcl_ros sent them; this version '
-            'does not read them: install it on both vehicles and run `sender` there'
-        )
-    check_size(message, name)
-    return decode(bytes(message.data), name, most_voxels)
+    compact_header(message)
+    return decode(bytes(message.data), name_of(message), most_voxels)

@@ -9,7 +9,7 @@ from pathlib import Path
 from gcl_core.cli.outcome import Answer, loading, run_command, say
 from gcl_core.cli.parsers.choices import PEERS
 from gcl_core.cli.parsers.form import add_json, form, parsed
-from gcl_core.cli.parsers.quantities import count, positive
+from gcl_core.cli.parsers.quantities import positive
 
 
 def parser() -> argparse.ArgumentParser:
@@ -42,12 +42,12 @@ def parser() -> argparse.ArgumentParser:
     direct.add_argument('--offline', action='store_true', help='without DDS, as fast as it goes')
     direct.add_argument('--config', type=Path, help='YAML of RegistrarConfig')
     direct.add_argument(
-        '--keypoints',
-        type=count,
+        '--compact',
+        type=positive,
         nargs='+',
         default=[],
-        metavar='N',
-        help='also with the source described by so many key points, as `describer` sends them',
+        metavar='METRES',
+        help='also with the source as `sender` sends it, in voxels of this size, such as 0.25',
     )
     return made
 

@@ -1,13 +1,10 @@
-"""Clouds as they come, raw or described, to a registration: who turns whom, and back.
+"""Clouds as they come, raw or compact, to a registration.
 
-Scans are turned to their streets, but a street runs both ways and may be crossed, so that one of
-the two is described at several headings. Whoever has the points can turn them: the source if it
-is raw, else the target. Where both come described, the side with more headings turns.
+Scans are turned to their streets, but a street runs both ways and may be crossed, so that the
+source is described at several headings. Whoever receives describes: both come as points.
 
-Where the heading is known from the last transform, one description of the turned scan is enough;
-more are looked at while nothing is accepted.
-
-Key points of a described scan stand in for its points in the checks and in GICP.
+Where the heading is known from the last transform, one description of the source is enough; more
+are looked at while nothing is accepted.
 """
 
 from __future__ import annotations
@@ -16,21 +13,18 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
-import numpy as np
-from jaxtyping import Float
-
 from gcl_core import se3
 from gcl_core.errors import GclError
 from gcl_core.evaluation.agreement import agreeing
-from gcl_core.registrar import FEWEST_KEY_POINTS, Registrar
+from gcl_core.registrar import Registrar
 from gcl_core.stopwatch import Stopwatch
 from gcl_core.types import Correspondences, PointCloud, Registration
 from gcl_core.view import View
+from gcl_ros.compact_cloud import compact_cloud, is_compact
 from gcl_ros.conversions import name_of, point_cloud
 from gcl_ros.deskew import Swept
-from gcl_ros.feature_cloud import feature_cloud, is_feature_cloud, weights_hash
 from gcl_ros.recent import Recent
-from gcl_ros.views import Look, Scan, Views, look_at, scan_of
+from gcl_ros.views import Look, Scan, Views, look_at
 
 KEPT = 4  # scans that are kept for the next pair
 FEWEST_POINTS = 1000  # anything fits a handful of points
@@ -44,40 +38,38 @@ class Registered:
         result: of source against target.
         source: view that was taken.
         target: view that was taken.
-        swapped: whether the target was turned; `source` is then the target's view.
-        headings: at how many the turned one was looked at.
+        headings: at how many the source was looked at.
     """
 
     result: Registration
     source: View
     target: View
-    swapped: bool
     headings: int
 
 
 class Exchange:
-    """Registers two messages, each a raw cloud or features.
+    """Registers two messages, each a raw cloud or a compact scan.
 
     Args:
-        registrar: does the work; its weights must have described the features.
+        registrar: does the work.
     """
 
     def __init__(self, registrar: Registrar) -> None:
         self.registrar = registrar
         self._scans: Recent[Scan] = Recent(KEPT)
         self._views = Views(registrar)
-        self._still_yaw = 0.0  # of the last still scan's view: about that of the next
-        self.weights = weights_hash(registrar.model)
+        self._target_yaw = 0.0  # of the last target's view: about that of the next
 
     def read(self, message: Any, *, deskew: Callable[[Any], Swept] = lambda _: Swept()) -> Scan:
         """Read a message; its fields tell whether it is raw.
 
         Args:
             message: sensor_msgs/PointCloud2.
-            deskew: undoes the motion during a raw scan, or says what is left of it.
+            deskew: undoes the motion during a raw scan, or says what is left of it; a compact one
+                was left to its sender.
 
         Raises:
-            GclError: malformed, of other weights, or too few points.
+            GclError: malformed, of another version, or too few points.
         """
         return self._scans.get((message,), lambda: self._scan(message, deskew))
 
@@ -86,19 +78,16 @@ class Exchange:
         return Scan(cloud, self.registrar.model.facing(cloud))
 
     def _scan(self, message: Any, deskew: Callable[[Any], Swept]) -> Scan:
-        swept = deskew(message)
-        if is_feature_cloud(message):
-            length = self.registrar.model.config.descriptor
-            scan = scan_of(feature_cloud(message, self.weights, length))
+        if is_compact(message):
+            swept, cloud = Swept(by_sender=True), compact_cloud(message)
         else:
-            scan = self.raw(swept.cloud or point_cloud(message))
-        fewest = FEWEST_KEY_POINTS if scan.headings else FEWEST_POINTS
-        if len(scan.cloud) < fewest:
+            swept = deskew(message)
+            cloud = swept.cloud or point_cloud(message)
+        if len(cloud) < FEWEST_POINTS:
             raise GclError(
-                f'{name_of(message)} has {len(scan.cloud)} '
-                f'{"key " if scan.headings else ""}points, {fewest} are needed'
+                f'{name_of(message)} has {len(cloud)} points, {FEWEST_POINTS} are needed'
             )
-        return replace(scan, swept=swept)
+        return replace(self.raw(cloud), swept=swept)
 
     def register(self, *, source: Scan, target: Scan, yaw: float | None = None) -> Registered:
         """Find the transform that maps source points into the target frame.
@@ -113,102 +102,54 @@ class Exchange:
             GclError: a cloud has no point within the network's range.
         """
         watch = Stopwatch()
-        swapped = turns_target(source=source, target=target)
-        still, turned = (source, target) if swapped else (target, source)
-        self._still_yaw = se3.yaw(still.T_view_lidar)
+        self._target_yaw = se3.yaw(target.T_view_lidar)
         headings = 0
-        for look in self._looks(turned, swapped, yaw):
-            registered = self._at(look, still, turned, swapped, watch)
+        for look in self._looks(source, yaw):
+            registered = self._at(look, source, target, watch)
             headings += registered.headings
             if registered.result.accepted:
                 break
         return replace(registered, headings=headings)
 
-    def prepare(self, scan: Scan, *, turned: bool, swapped: bool, yaw: float | None) -> None:
-        """Describe a scan whose partner is about to come.
+    def prepare_source(self, scan: Scan, *, yaw: float | None) -> None:
+        """Describe a source whose target is about to come; `yaw` as for `register`."""
+        self._views.get(scan, self._looks(scan, yaw)[0])
 
-        Args:
-            scan: of either side.
-            turned: whether it is the one that will be turned.
-            swapped: whether that is the target.
-            yaw: as for `register`.
-        """
-        if not turned:
-            self._still_yaw = se3.yaw(scan.T_view_lidar)
-        self._views.get(scan, self._looks(scan, swapped, yaw)[0] if turned else Look())
+    def prepare_target(self, scan: Scan) -> None:
+        """Describe a target whose source is about to come."""
+        self._target_yaw = se3.yaw(scan.T_view_lidar)
+        self._views.get(scan, Look())
 
     def close(self) -> None:
         """End the thread that helps."""
         self._views.close()
 
-    def _looks(self, turned: Scan, swapped: bool, yaw: float | None) -> list[Look]:
-        """At which headings the turned scan is described, one look after the other."""
+    def _looks(self, source: Scan, yaw: float | None) -> list[Look]:
+        """At which headings the source is described, one look after the other."""
         config = self.registrar.config
         if config.turns == 1:
             yaw = 0.0
         known = []
         if yaw is not None:
-            between = (-yaw if swapped else yaw) + self._still_yaw - se3.yaw(turned.T_view_lidar)
-            known = [look_at(between)]
+            known = [look_at(yaw + self._target_yaw - se3.yaw(source.T_view_lidar))]
         if config.turns == 1:
             return known
-        if turned.headings == 1:
-            return [Look()]
-        every = [turned.headings] if turned.headings else config.looks
-        return list(dict.fromkeys([*known, *(Look(turns) for turns in every)]))
+        return list(dict.fromkeys([*known, *(Look(turns) for turns in config.looks)]))
 
-    def _at(
-        self, look: Look, still: Scan, turned: Scan, swapped: bool, watch: Stopwatch
-    ) -> Registered:
+    def _at(self, look: Look, source: Scan, target: Scan, watch: Stopwatch) -> Registered:
         with watch('describe'):
-            views = self._views.both(still, turned, look)
-        result = self.registrar.register_views(target=views[0], source=views[1], watch=watch)
-        if swapped:
-            result = inverted(result)
-        return Registered(result, views[1], views[0], swapped, look.turns)
+            views = self._views.both(source, look, target)
+        result = self.registrar.register_views(source=views[0], target=views[1], watch=watch)
+        return Registered(result, *views, look.turns)
 
     def agreeing(self, registered: Registered) -> Correspondences:
         """Matches that agree with the transform within a metre, in the scans' own frames."""
         T = registered.result.T_target_source
         if T is None:
             raise GclError('no transform to agree with')
-        found = agreeing(
-            se3.inverse(T) if registered.swapped else T,
+        return agreeing(
+            T,
             source=registered.source,
             target=registered.target,
             config=self.registrar.config.match,
         )
-        if not registered.swapped:
-            return found
-        return Correspondences(found.target, found.source, found.weight)
-
-
-def turns_target(*, source: Scan, target: Scan) -> bool:
-    """Whether it is the target that is turned: the source came described, with fewer headings."""
-    if source.headings == 0:
-        return False
-    return not target.headings or target.headings > source.headings
-
-
-def inverted(result: Registration) -> Registration:
-    """The registration of the target against the source."""
-    T, covariance = result.T_target_source, result.covariance
-    if T is None:
-        return result
-    if covariance is not None:
-        covariance = inverted_covariance(T, covariance)
-    return replace(result, T_target_source=se3.inverse(T), covariance=covariance)
-
-
-def inverted_covariance(
-    T: Float[np.ndarray, '4 4'], covariance: Float[np.ndarray, '6 6']
-) -> Float[np.ndarray, '6 6']:
-    """Covariance of the inverse of T.
-
-    With t' = t + dt and R' = exp(dr) R, the inverse moves by -R^T (dt + t x dr) and -R^T dr.
-    """
-    x, y, z = T[:3, 3]
-    back = -T[:3, :3].T
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    jacobian = np.block([[back, back @ cross], [np.zeros((3, 3)), back]])
-    return jacobian @ covariance @ jacobian.T

@@ -1,7 +1,7 @@
 """What is taken from the network: messages beyond these sizes are refused before they are kept.
 
 Whoever reaches the DDS domain can publish on every topic. Each limit is well above what sensors
-and `describer` send; docs/security.md tells what it bounds.
+and `sender` send; docs/security.md tells what it bounds.
 """
 
 from __future__ import annotations
@@ -9,13 +9,12 @@ from __future__ import annotations
 from typing import Any
 
 from gcl_core.errors import GclError
+from gcl_ros.compact_cloud import compact_header, is_compact
 from gcl_ros.conversions import name_of
-from gcl_ros.feature_cloud import is_feature_cloud
 
-MAX_POINTS = 1_000_000  # of a raw cloud, by default: twice what a 128-beam sensor sends
+MAX_POINTS = 1_000_000  # of a cloud, by default: twice what a 128-beam sensor sends
 MAX_POINT_BYTES = 128  # of each: drivers send 12 to 48
 MAX_FIELDS, MAX_NAME = 64, 255  # fields of a cloud; characters of a frame's or field's name
-MAX_HEADINGS, MAX_KEY_POINTS = 36, 20_000  # rows of a feature cloud, and key points in each
 MAX_WAITING = 100  # callers of `~/trigger` at a time
 MAX_POSES = 10_000  # of odometry that are kept: 30 s at 333 Hz
 
@@ -25,10 +24,10 @@ def check_limits(message: Any, max_points: int = MAX_POINTS) -> None:
 
     Args:
         message: sensor_msgs/PointCloud2.
-        max_points: of a raw cloud.
+        max_points: of a raw cloud; voxels of a compact scan.
 
     Raises:
-        GclError: something about it is larger than what is taken.
+        GclError: something about it is larger than what is taken, or of another version.
     """
     frame = message.header.frame_id
     if len(frame) > MAX_NAME:
@@ -45,16 +44,12 @@ def check_limits(message: Any, max_points: int = MAX_POINTS) -> None:
         raise GclError(
             f'{name} has a field whose name is over {MAX_NAME} characters; check its driver'
         )
-    if is_feature_cloud(message):
-        if message.height > MAX_HEADINGS or message.width > MAX_KEY_POINTS:
-            raise GclError(
-                f'feature {name} has {message.height} headings of {message.width} key points, '
-                f'{MAX_HEADINGS} of {MAX_KEY_POINTS} are taken; lower turns or keypoints there'
-            )
-    elif message.width * message.height > max_points:
+    compact = is_compact(message)
+    count = compact_header(message).count if compact else message.width * message.height
+    if count > max_points:
         raise GclError(
-            f'{name} has {message.width * message.height} points, {max_points} are taken; thin it '
-            'out, or raise max_points'
+            f'{name} has {count} {"voxels" if compact else "points"}, {max_points} are taken; '
+            f'{"choose larger voxels there" if compact else "thin it out"}, or raise max_points'
         )
     if len(message.data) > max_points * MAX_POINT_BYTES:
         raise GclError(

@@ -45,10 +45,10 @@ class Link:
         self._outputs = Outputs(node, self.prefix, wanted)
         self.pairing: Pairing[PointCloud2] | None = None
         self._tracking: Tracking | None = None
-        self._swapped = False  # whether the target was turned last
         self.heading = Heading(0.0)
         self.health = health.Health(name)
         self._last: dict[Side, PointCloud2] = {}
+        self._swept: dict[Side, Swept] = {}  # of the pair at work, or of the last
         self._telling = threading.Lock()  # held while an outcome is published, or all is forgotten
 
     def begin(
@@ -62,7 +62,7 @@ class Link:
 
     def end(self) -> None:
         """Stop listening."""
-        self.pairing, self._last = None, {}
+        self.pairing, self._last, self._swept = None, {}, {}
         if self._tracking is not None:
             self._tracking.destroy()
             self._tracking = None
@@ -119,14 +119,14 @@ class Link:
             'source': exchange.read(source, deskew=partial(self._deskewed, 'source')),
             'target': exchange.read(target, deskew=partial(self._deskewed, 'target')),
         }
+        self._swept = {side: scan.swept for side, scan in scans.items()}
         if self._tracking is not None:
-            self._tracking.swept = {side: scan.swept for side, scan in scans.items()}
+            self._tracking.swept = self._swept
         yaw = self._expected(max(seconds(m.header.stamp) for m in (source, target)))
         registered = exchange.register(**scans, yaw=yaw)
         with self._telling:
             if not wanted() or pairing.forgotten:
                 return None
-            self._swapped = registered.swapped
             self._tell(exchange, registered, scans['source'].cloud, source, target)
         return registered.result
 
@@ -161,12 +161,12 @@ class Link:
         if self._tracking is not None:
             return
         with suppress(GclError):
-            exchange.prepare(
-                exchange.read(message),
-                turned=(side == 'target') == self._swapped,
-                swapped=self._swapped,
-                yaw=self._expected(seconds(message.header.stamp)),
-            )
+            scan = exchange.read(message)
+            if side == 'target':
+                exchange.prepare_target(scan)
+                return
+            yaw = self._expected(seconds(message.header.stamp))
+            exchange.prepare_source(scan, yaw=yaw)
 
     def _expected(self, stamp: float) -> float | None:
         """Heading of the transform to come, radians, if one is known."""
@@ -197,9 +197,10 @@ class Link:
         if self._tracking is not None:
             figures |= self._tracking.figures()
         else:
-            figures |= dict.fromkeys(
-                map('{} de-skewed'.format, SIDES), 'no: motion.odometry is off'
-            )
+            for side in SIDES:
+                swept = self._swept.get(side, Swept())
+                told = swept.told() if swept.by_sender else 'no: motion.odometry is off'
+                figures[f'{side} de-skewed'] = told
         return Report(level, message, figures, about)
 
 

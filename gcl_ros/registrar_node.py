@@ -1,6 +1,6 @@
 """`ros2 run gcl_ros registrar`: two PointCloud2 topics in, their relative transform out.
 
-Subscribes: `source/points`, `target/points` (sensor_msgs/PointCloud2), raw or from `describer`;
+Subscribes: `source/points`, `target/points` (sensor_msgs/PointCloud2), raw or from `sender`;
     more sources by the parameter `sources`.
 Publishes: `~/transform` (geometry_msgs/TransformStamped), `~/pose`
     (geometry_msgs/PoseWithCovarianceStamped), both with frame = the target's, child = the
@@ -64,7 +64,8 @@ class NodeConfig:
             nothing is accepted there. 0 always searches all.
         silence: a topic without a cloud for this long is a warning in the diagnostics, seconds.
         max_age: a transform this long after its stamp is a warning in the diagnostics, seconds.
-        max_points: clouds of more points are refused; it bounds memory and time.
+        max_points: clouds of more points, or compact scans of more voxels, are refused; it bounds
+            memory and time.
         publish_tf: broadcast the transform on /tf too. The source's frame must have no other
             parent; needs tf2_ros.
         publish_aligned: publish the source cloud in the target's frame on `~/aligned`.

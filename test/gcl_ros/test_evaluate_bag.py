@@ -9,9 +9,8 @@ import pytest
 
 from gcl_core import se3
 from gcl_core.evaluation import metrics
-from gcl_core.registrar import RegistrarConfig
 from gcl_core.types import PointCloud
-from gcl_ros import bench_keypoints, evaluate_bag
+from gcl_ros import evaluate_bag
 from gcl_ros.bag import Encounter, write_bag
 from gcl_ros.report import write_tum
 
@@ -33,13 +32,13 @@ def bag(meeting, tmp_path_factory):
 def test_offline_writes_tables_pairs_and_trajectories(bag, tmp_path, monkeypatch, capsys, meeting):
     (tmp_path / 'fast.yaml').write_text('turns: 1\n')
     arguments = [str(bag), '--out', str(tmp_path / 'o'), '--offline']
-    fast = ['--config', str(tmp_path / 'fast.yaml'), '--keypoints', '2000']
+    fast = ['--config', str(tmp_path / 'fast.yaml'), '--compact', '0.25']
     monkeypatch.setattr(sys, 'argv', ['evaluate_bag', *arguments, *fast])
     evaluate_bag.main()
     table = capsys.readouterr().out
     assert table.startswith('two pairs')
     assert '| GCL-ROS | 5–10 | 2 | 50 (' in table
-    assert '| GCL-ROS, 2000 key points | 5–10 | 2 | 50 (' in table
+    assert '| GCL-ROS, compact 0.25 m | 5–10 | 2 | 50 (' in table
     assert (tmp_path / 'o/table.md').read_text() == table
     result = json.loads((tmp_path / 'o/result.json').read_text())
     assert [row['wrong'] for row in result['rows']] == [0, 0]
@@ -79,33 +78,3 @@ def test_options_that_would_be_ignored_are_refused(
 def test_a_trajectory_without_poses_is_an_empty_file(tmp_path):
     write_tum(tmp_path / 'none.tum', [(1.0, None)])
     assert (tmp_path / 'none.tum').read_text() == ''
-
-
-def test_recall_by_key_points_is_drawn(bag, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(bench_keypoints, 'COUNTS', (250, 1000))
-    bench_keypoints.run(bag, tmp_path, RegistrarConfig(turns=1))
-    out = capsys.readouterr().out
-    for method in ('raw', '250 int8', '250 bf16', '1000 int8', '1000 bf16'):
-        assert f'| {method} | 5–10 | 2 |' in out
-    assert (tmp_path / 'recall_by_kilobytes.png').stat().st_size > 5000
-    curve = json.loads((tmp_path / 'recall_by_kilobytes.json').read_text())['curve']
-    found = {(row['form'], row['keypoints']): row for row in curve}
-    assert len(found) == 5
-    assert found['int8', 1000]['bytes'] == 40_000
-    for row in curve:
-        assert (row['pairs'], row['wrong']) == (2, 0)
-        assert row['recall'][1] <= row['recall'][0] <= row['recall'][2]
-    assert found['raw', None]['right'] == 1
-    assert found['int8', 1000]['right'] == 1  # the noise is withheld
-
-
-def test_the_bench_describes_a_scan_once_for_all_methods(meeting):
-    source, target = (PointCloud(cloud) for cloud in meeting[:2])
-    bench = bench_keypoints.Bench(RegistrarConfig(turns=2))
-    model, described = bench.exchange.registrar.model, []
-    describe = model.describe
-    model.describe = lambda clouds: described.append(len(clouds)) or describe(clouds)
-    for method in bench.methods().values():
-        method(source, target)
-    # The source at two headings and as it is, the target at two, of which it is as it is at one.
-    assert len(described) == 5

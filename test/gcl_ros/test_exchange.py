@@ -1,149 +1,139 @@
-"""Raw and described clouds in every combination, first as functions, then over real DDS."""
+"""Raw and compact clouds in every mix, first as functions, then over real DDS."""
 
 import numpy as np
 import pytest
 from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped
-from lifecycle_msgs.msg import Transition
-from lifecycle_msgs.srv import ChangeState
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import PointCloud2, PointField
 
 from gcl_core import se3
+from gcl_core.compact.scan import CompactConfig, encode
 from gcl_core.errors import GclError
 from gcl_core.evaluation import metrics
 from gcl_core.registrar import Registrar
 from gcl_core.types import PointCloud
+from gcl_ros.compact_cloud import fill_compact
 from gcl_ros.conversions import fill_point_cloud2, matrix
-from gcl_ros.describer_node import DescriberNode
-from gcl_ros.exchange import Exchange, inverted_covariance
-from gcl_ros.feature_cloud import describe, fill_feature_cloud, is_feature_cloud
+from gcl_ros.deskew import Swept
+from gcl_ros.exchange import Exchange
 from gcl_ros.registrar_node import RegistrarNode
+from gcl_ros.sender_node import SenderNode
 
 TURN = se3.from_xyz_rpy(yaw=2.0)  # of the source: beyond what one heading bears
+MIXES = [(False, False), (False, True), (True, False), (True, True)]  # which sides are compact
 
 
 @pytest.fixture(scope='module')
 def exchange():
-    return Exchange(Registrar())
+    made = Exchange(Registrar())
+    yield made
+    made.close()
 
 
 @pytest.fixture(scope='module')
 def turned(meeting):
     """The source turned, the target, and the truth."""
     source, target, T = meeting
-    return se3.transform(TURN, source), target, T @ se3.inverse(TURN)
+    return se3.transform(TURN, source).astype(np.float32), target, T @ se3.inverse(TURN)
 
 
 def raw(points) -> PointCloud2:
     return fill_point_cloud2(PointCloud2(), points, PointField)
 
 
-def described(exchange, points, turns) -> PointCloud2:
-    found = describe(exchange.registrar.model, PointCloud(points), turns)
-    return fill_feature_cloud(PointCloud2(), found, exchange.weights, 2000, PointField)
+def compact(points, **config) -> PointCloud2:
+    return fill_compact(
+        PointCloud2(), encode(PointCloud(points), CompactConfig(**config)), PointField
+    )
 
 
-@pytest.mark.parametrize(
-    ('source_turns', 'target_turns', 'found'),
-    [(0, 0, True), (0, 1, True), (1, 0, True), (12, 1, True), (1, 12, True), (1, 1, False)],
-)
-def test_every_combination(exchange, turned, source_turns, target_turns, found):
-    """Turns of 0 stand for a raw cloud. One heading each finds only what faces the same way."""
-    source, target, T = turned
+@pytest.mark.parametrize('sent', MIXES)
+def test_every_mix_at_any_heading(exchange, turned, sent):
+    *clouds, T = turned
     messages = [
-        described(exchange, points, turns) if turns else raw(points)
-        for points, turns in ((source, source_turns), (target, target_turns))
+        compact(points) if small else raw(points)
+        for points, small in zip(clouds, sent, strict=True)
     ]
-    scans = [exchange.read(message) for message in messages]
-    registered = exchange.register(source=scans[0], target=scans[1])
+    source, target = map(exchange.read, messages)
+    registered = exchange.register(source=source, target=target)
     result = registered.result
-    assert result.accepted == found, result
-    if found:
-        assert metrics.registered(result.T_target_source, T, metrics.STRICT)
-        matches = exchange.agreeing(registered)
-        assert len(matches) > 20
-        ends = se3.transform(result.T_target_source, matches.source.numpy())
-        assert np.linalg.norm(ends - matches.target.numpy(), axis=1).max() < 1.0
+    assert result.accepted, result
+    assert metrics.registered(result.T_target_source, T, metrics.STRICT)
+    matches = exchange.agreeing(registered)
+    assert len(matches) > 20
+    ends = se3.transform(result.T_target_source, matches.source.numpy())
+    assert np.linalg.norm(ends - matches.target.numpy(), axis=1).max() < 1.0
 
 
-def test_the_covariance_of_the_inverse_is_that_of_samples():
-    rng = np.random.default_rng(0)
-    T = se3.from_xyz_rpy(12, -5, 1, 0.1, -0.2, 2.0)
-    root = rng.normal(size=(6, 6)) * [1e-2, 1e-2, 1e-2, 1e-3, 1e-3, 1e-3]
-    moves = rng.normal(size=(20_000, 6)) @ root
-    inverse, errors = se3.inverse(T), np.empty_like(moves)
-    for move, error in zip(moves, errors, strict=True):
-        moved = se3.from_xyz_rpy(roll=move[3], pitch=move[4], yaw=move[5]) @ T
-        moved[:3, 3] = T[:3, 3] + move[:3]
-        back = se3.inverse(moved)
-        turn = back[:3, :3] @ inverse[:3, :3].T
-        error[:3] = back[:3, 3] - inverse[:3, 3]
-        error[3:] = [turn[2, 1], turn[0, 2], turn[1, 0]]
-    expected, found = np.cov(errors.T), inverted_covariance(T, root.T @ root)
-    scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
-    assert np.abs((found - expected) / scale).max() < 0.05
+@pytest.mark.parametrize('make', [raw, compact])
+def test_handfuls_are_refused(exchange, turned, make):
+    far_apart = np.random.default_rng(0).uniform(-40, 40, (900, 3)).astype(np.float32)
+    with pytest.raises(GclError, match=r'has \d+ points, 1000 are needed'):
+        exchange.read(make(far_apart))
 
 
-def test_other_weights_and_handfuls_are_refused(exchange, turned):
-    message = described(exchange, turned[0], 1)
-    message.fields[4].name = 'gcl2_ffffffffffff'
-    with pytest.raises(GclError, match='set the same weights on both vehicles'):
-        exchange.read(message)
-    with pytest.raises(GclError, match='has 900 points, 1000 are needed'):
-        exchange.read(raw(turned[0][:900]))
+def test_a_compact_scan_is_not_de_skewed_again(exchange, turned):
+    """Nor is anything said of its motion, which its sender knew."""
+    asked = []
+
+    def deskew(message):
+        asked.append(message)
+        return Swept(why='there is no odometry', left=np.ones(6))
+
+    sent, own = (exchange.read(make(turned[0]), deskew=deskew) for make in (compact, raw))
+    assert len(asked) == 1
+    assert own.swept.why
+    assert not sent.swept.why
+    assert not sent.swept.left.any()
 
 
-def test_describer_to_registrar(rig, meeting):
-    """A vehicle sends features only; the other has its own points and finds it."""
-    source, target, T = meeting
-    rig.add(DescriberNode, keypoints=2000)
-    rig.add(RegistrarNode, registrar__turns=1)
-    rig.publish_clouds()
-    points = rig.node.create_publisher(PointCloud2, '/points', QoSProfile(depth=1))
+@pytest.mark.parametrize('sent', MIXES)
+def test_every_mix_over_dds(rig, turned, sent):
+    """A sender on each side that is compact; the vehicles face each other at any heading."""
+    rig.add(RegistrarNode)
+    *clouds, T = turned
+    points = dict(zip(('source', 'target'), clouds, strict=True))
+    for side, small in zip(points, sent, strict=True):
+        topic = f'/{side}/{"raw" if small else "points"}'
+        rig.publishers[side] = rig.node.create_publisher(PointCloud2, topic, QoSProfile(depth=1))
+        if small:
+            names = {'points': topic, 'compact': f'/{side}/points', '__node': f'{side}_sender'}
+            remapped = [part for pair in names.items() for part in ('-r', ':='.join(pair))]
+            rig.add(SenderNode, cli_args=['--ros-args', *remapped])
     transforms = rig.listen(TransformStamped, '/registrar/transform')
     poses = rig.listen(PoseWithCovarianceStamped, '/registrar/pose')
-
-    def forward(features):
-        assert is_feature_cloud(features)
-        assert len(features.data) == 2000 * 40
-        rig.publishers['source'].publish(features)
-
-    rig.node.create_subscription(PointCloud2, '/features', forward, 1)
-
-    def send():
-        rig.send(target=target)
-        message = raw(source)
-        message.header.stamp.sec, message.header.frame_id = int(rig.stamp), 'source_lidar'
-        points.publish(message)
-
-    assert rig.until(lambda: transforms and poses, every=send), rig.status
+    assert rig.until(lambda: transforms and poses, every=lambda: rig.send(**points)), rig.status
     assert metrics.registered(matrix(transforms[0].transform), T, metrics.STRICT)
-    assert transforms[0].child_frame_id == 'source_lidar'
+    ends = transforms[0].header.frame_id, transforms[0].child_frame_id
+    assert ends == ('target_lidar', 'source_lidar')
 
 
-def test_a_single_heading_is_looked_at_once(exchange, turned):
-    """Both come described at one: a heading from memory offers nothing else."""
-    source, target = (exchange.read(described(exchange, points, 1)) for points in turned[:2])
-    registered = exchange.register(source=source, target=target, yaw=0.02)
-    assert not registered.result.accepted
-    assert registered.headings == 1
+def test_features_of_an_older_version_are_refused_in_plain_words(rig, meeting):
+    """As an older `describer` sent them: one row of 40 bytes a key point."""
+    rig.add(RegistrarNode, registrar__turns=1)
+    rig.publish_clouds()
+    shorts = [
+        PointField(name=name, offset=2 * i, datatype=3, count=1)
+        for i, name in enumerate(('x', 'y', 'z', 'turn'))
+    ]
+    hashed = PointField(name='gcl2_0123456789ab', offset=8, datatype=1, count=32)
+    features = PointCloud2(height=1, width=1000, point_step=40, row_step=40_000)
+    features.fields, features.data = [*shorts, hashed], bytes(40_000)
+    send = lambda: rig.send(source=features, target=meeting[1])  # noqa: E731
+    told = 'holds features, as `describer` of an older gcl_ros sent them'
+    assert rig.until(lambda: rig.says(told), every=send)
+    assert rig.says('install it on both vehicles and run `sender` there')
+    assert rig.figures()['state'] == 'active'
 
 
-def test_describer_says_what_is_wrong_and_lives(rig, meeting):
-    rig.add(DescriberNode, silence=1.0)
-    points = rig.node.create_publisher(PointCloud2, '/points', QoSProfile(depth=1))
-    features = rig.listen(PointCloud2, '/features')
-    assert rig.until(lambda: rig.says('points silent for'))
-    empty, far = raw(meeting[0][:0]), raw(meeting[0] + 1e4)
-    assert rig.until(lambda: rig.says('is empty'), every=lambda: points.publish(empty))
-    assert rig.until(lambda: rig.says('within 80 m'), every=lambda: points.publish(far))
-    for transition in (Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_ACTIVATE):
-        request = ChangeState.Request()
-        request.transition.id = transition
-        assert rig.call(ChangeState, '/describer/change_state', request).success
-    assert rig.until(lambda: rig.says('points silent for'))  # no longer what was wrong before
-    assert not features
-    good = raw(meeting[0])
-    assert rig.until(lambda: features, every=lambda: points.publish(good))
-    assert rig.until(lambda: rig.says('describing'), every=lambda: points.publish(good))
-    assert rig.figures()['bytes'] == '40000'
+def test_what_the_sender_could_not_undo_is_no_warning_here(rig, meeting):
+    """Odometry of both sides would be there for raw scans."""
+    rig.add(RegistrarNode, registrar__turns=1, motion__odometry=True)
+    rig.publish_clouds()
+    transforms = rig.listen(TransformStamped, '/registrar/transform')
+    send = lambda: rig.send(source=compact(meeting[0]), target=raw(meeting[1]))  # noqa: E731
+    assert rig.until(lambda: transforms, every=send)
+    told = 'by its sender, whose diagnostics say whether'
+    assert rig.until(lambda: rig.figures().get('source de-skewed') == told, every=send)
+    assert rig.until(lambda: rig.says('scans of target are not de-skewed'), every=send)
+    assert not rig.says('scans of source')

@@ -8,9 +8,8 @@ from gcl_core.evaluation import metrics
 from gcl_core.registrar import Registrar
 from gcl_core.types import PointCloud
 from gcl_ros.exchange import Exchange
-from gcl_ros.feature_cloud import describe
 from gcl_ros.heading import Heading
-from gcl_ros.views import STEPS, Look, look_at, scan_of
+from gcl_ros.views import STEPS, Look, look_at
 
 
 def test_it_is_remembered_for_a_while():
@@ -66,39 +65,12 @@ def test_a_wrong_one_costs_time_and_nothing_else(exchange, turned, off, headings
     assert len(exchange.agreeing(registered)) > 20
 
 
-@pytest.mark.parametrize('described', ['source', 'target'])
-def test_it_serves_described_scans_too(exchange, turned, described):
-    """The raw side is turned by it, whichever that is; of a described one a row is taken."""
-    source, target, T = turned
-    scans = {'source': exchange.raw(source), 'target': exchange.raw(target)}
-    model = exchange.registrar.model
-    scans[described] = scan_of(describe(model, scans[described].cloud, 1))
-    registered = exchange.register(**scans, yaw=se3.yaw(T))
-    assert registered.result.accepted
-    assert registered.swapped == (described == 'source')
-    assert registered.headings == 1
-    assert metrics.registered(registered.result.T_target_source, T, metrics.STRICT)
-
-
-def test_a_row_of_a_described_scan_is_taken(exchange, turned):
-    source, target, T = turned
-    model = exchange.registrar.model
-    scans = {
-        'source': scan_of(describe(model, source, 12)),
-        'target': scan_of(describe(model, target, 1)),
-    }
-    registered = exchange.register(**scans, yaw=se3.yaw(T))
-    assert registered.result.accepted
-    assert registered.headings == 1
-    assert metrics.registered(registered.result.T_target_source, T, metrics.STRICT)
-
-
 def test_what_was_prepared_is_not_made_again(exchange, turned):
     source, target, T = turned
     scans = exchange.raw(source), exchange.raw(target)
     yaw = se3.yaw(T)
-    exchange.prepare(scans[1], turned=False, swapped=False, yaw=yaw)
-    exchange.prepare(scans[0], turned=True, swapped=False, yaw=yaw)
+    exchange.prepare_target(scans[1])
+    exchange.prepare_source(scans[0], yaw=yaw)
     between = se3.yaw(scans[1].T_view_lidar @ T @ se3.inverse(scans[0].T_view_lidar))
     kept = exchange._views.get(scans[0], look_at(between)), exchange._views.get(scans[1], Look())
     registered = exchange.register(source=scans[0], target=scans[1], yaw=yaw)

@@ -9,8 +9,11 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import PointCloud2, PointField
 
 from gcl_core import se3
+from gcl_core.compact.scan import CompactConfig, encode
 from gcl_core.errors import GclError
+from gcl_core.types import PointCloud
 from gcl_ros import limits
+from gcl_ros.compact_cloud import fill_compact
 from gcl_ros.conversions import fill_point_cloud2, pose_matrix
 from gcl_ros.limits import check_limits
 from gcl_ros.odometry import KEPT
@@ -24,11 +27,11 @@ def cloud(count=2000) -> PointCloud2:
     return message
 
 
-def features(height, width) -> PointCloud2:
-    message = cloud(10)
-    message.height, message.width = height, width
-    message.fields = [PointField(name='gcl2_0123456789ab', offset=8, datatype=1, count=32)]
-    return message
+def compact(count) -> PointCloud2:
+    """A scan of so many voxels."""
+    points = np.random.default_rng(0).uniform(-50, 50, (count, 3)).astype(np.float32)
+    data = encode(PointCloud(points), CompactConfig(voxel_size=0.02))
+    return fill_compact(cloud(10), data, PointField)
 
 
 def with_fields(fields) -> PointCloud2:
@@ -53,8 +56,7 @@ def padded() -> PointCloud2:
     ('message', 'text'),
     [
         (cloud(2001), 'has 2001 points, 2000 are taken'),
-        (features(limits.MAX_HEADINGS + 1, 10), 'has 37 headings of 10 key points, 36 of 20000'),
-        (features(1, limits.MAX_KEY_POINTS + 1), '20001 key points'),
+        (compact(2001), 'has 2001 voxels, 2000 are taken; choose larger voxels there'),
         (with_fields([PointField(name='x')] * 65), '65 fields, 64 are taken'),
         (with_fields([PointField(name='x' * 300)]), 'name is over 255 characters'),
         (named('f' * 300), 'name has 300 characters, 255 are taken'),
@@ -68,7 +70,7 @@ def test_what_is_too_large_is_refused_with_the_limit(message, text):
 
 def test_what_is_within_the_limits_is_taken():
     check_limits(cloud(2000), max_points=2000)
-    check_limits(features(limits.MAX_HEADINGS, limits.MAX_KEY_POINTS))
+    check_limits(compact(2000), max_points=2000)
 
 
 def test_odometry_that_floods_is_kept_up_to_a_number():
