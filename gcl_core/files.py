@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import sqlite3
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -36,6 +37,37 @@ def whole_file(path: Path) -> Iterator[Path]:
         ) from None
     finally:
         part.unlink(missing_ok=True)
+
+
+@contextmanager
+def whole_folder(path: Path) -> Iterator[Path]:
+    """Give a folder-to-be beside `path`; what is made there takes its place once it is whole.
+
+    Raises:
+        GclError: something is there already, or it cannot be written.
+    """
+    check_new(path)
+    try:
+        with tempfile.TemporaryDirectory(prefix='.unfinished_', dir=path.parent) as folder:
+            part = Path(folder) / path.name
+            yield part
+            part.rename(path)
+    except (OSError, sqlite3.Error) as error:
+        raise GclError(
+            f'cannot write {path}: {reason_of(error)}; '
+            'check its folder and the room left on the disk'
+        ) from None
+
+
+def check_new(path: Path) -> None:
+    """See that a folder can be made: before long work, not after.
+
+    Raises:
+        GclError: something is there already, or it cannot be written.
+    """
+    if path.exists():
+        raise GclError(f'{path} exists already; remove it or choose another name')
+    check_writable(path)
 
 
 def check_writable(*paths: Path) -> None:

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import sqlite3
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any, Literal
 
 import numpy as np
@@ -15,8 +13,8 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 
 from gcl_core import se3
 from gcl_core.data.sequence import Sequence, positions
-from gcl_core.errors import GclError, reason_of
-from gcl_core.files import check_writable
+from gcl_core.errors import GclError
+from gcl_core.files import whole_folder
 from gcl_core.types import PointCloud
 from gcl_ros.bag_reader import message_types, open_bag
 from gcl_ros.conversions import (
@@ -93,17 +91,6 @@ def following(sequence: Sequence, distance: float) -> list[tuple[int, int]]:
     return pairs
 
 
-def check_place(path: Path) -> None:
-    """See that a bag can be written: before the work, not after.
-
-    Raises:
-        GclError: something is there already, or its folder cannot be written to.
-    """
-    if path.exists():
-        raise GclError(f'{path} exists already; remove it or choose another name')
-    check_writable(path)
-
-
 def write_bag(
     path: Path,
     encounters: Iterable[Encounter],
@@ -118,17 +105,8 @@ def write_bag(
     Raises:
         GclError: the folder exists already, or there is no room.
     """
-    check_place(path)
-    try:
-        with TemporaryDirectory(prefix='.unfinished_', dir=path.parent) as folder:
-            count = _write(Path(folder) / path.name, encounters, storage, pair_list)
-            (Path(folder) / path.name).rename(path)
-    except (OSError, sqlite3.Error) as error:
-        raise GclError(
-            f'cannot write bag {path}: {reason_of(error)}; '
-            'check its folder and the room left on the disk'
-        ) from None
-    return count
+    with whole_folder(path) as part:
+        return _write(part, encounters, storage, pair_list)
 
 
 def _write(path: Path, encounters: Iterable[Encounter], storage: str, pair_list: str) -> int:

@@ -14,6 +14,7 @@ from gcl_core.data.pair_sets import random_set
 from gcl_core.data.sequence import Sequence
 from gcl_core.data.simulator.sequence import SimulatedSequence
 from gcl_core.errors import GclError
+from gcl_core.files import check_new
 from gcl_core.progress import progress
 from gcl_core.to_json import to_json
 
@@ -31,9 +32,9 @@ def _info(options: argparse.Namespace) -> str:
 
 
 def _write(options: argparse.Namespace) -> str:
-    from gcl_ros.bag import check_place, pair_encounters, write_bag
+    from gcl_ros.bag import pair_encounters, write_bag
 
-    check_place(options.bag)
+    check_new(options.bag)
     sequences: Mapping[str, Sequence]
     if options.kind == 'from-simulator':
         sequences = {str(options.world): SimulatedSequence(options.world)}

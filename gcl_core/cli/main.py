@@ -1,4 +1,4 @@
-"""`gcl`: register two scans, train, evaluate, list pairs, simulate, inspect, make bags."""
+"""`gcl`: register two scans, train, evaluate, list pairs, simulate, inspect, pack, make bags."""
 
 from __future__ import annotations
 
@@ -8,10 +8,20 @@ from collections.abc import Callable, Sequence
 from importlib import import_module
 
 from gcl_core.cli.outcome import Answer, loading, run_command, say
-from gcl_core.cli.parsers import bag, evaluate, inspect, pairs, register, simulate, train
+from gcl_core.cli.parsers import (
+    bag,
+    evaluate,
+    inspect,
+    pack,
+    pairs,
+    register,
+    simulate,
+    train,
+    unpack,
+)
 from gcl_core.cli.parsers.form import form, parsed
 
-COMMANDS = (register, train, evaluate, pairs, simulate, inspect, bag)
+COMMANDS = (register, train, evaluate, pairs, simulate, inspect, pack, unpack, bag)
 
 
 def parser() -> argparse.ArgumentParser:

@@ -1,13 +1,15 @@
-"""Point clouds in files: KITTI .bin, .pcd, .ply, .npy."""
+"""Point clouds in files: KITTI .bin, .pcd, .ply, .npy, and .gcl, a compact scan."""
 
 from __future__ import annotations
 
 import logging
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
+from gcl_core.compact.scan import CompactConfig, decode, encode
 from gcl_core.data.bin_layout import KITTI, NUSCENES, REMEDY, BinLayout, recognised, rows
 from gcl_core.data.cloud_headers import PADDING, Header, read_header
 from gcl_core.data.lzf import decompressed
@@ -15,7 +17,7 @@ from gcl_core.errors import GclError
 from gcl_core.files import whole_file
 from gcl_core.types import PointCloud
 
-FORMATS = ('.bin', '.pcd', '.ply', '.npy')
+FORMATS = ('.bin', '.pcd', '.ply', '.npy', '.gcl')
 log = logging.getLogger(__name__)
 
 
@@ -23,7 +25,7 @@ def read_cloud(path: Path, layout: BinLayout | None = None) -> PointCloud:
     """Read a cloud by its suffix; points that are not finite are dropped.
 
     `.npy` holds an array with a row for each point. A `.pcd` is read as stored, whatever its
-    VIEWPOINT.
+    VIEWPOINT. Of a `.gcl` a point a voxel comes back, see `gcl_core.compact`.
 
     Args:
         path: the file.
@@ -37,6 +39,8 @@ def read_cloud(path: Path, layout: BinLayout | None = None) -> PointCloud:
         array = _read_bin(path, layout)
     elif layout:
         raise GclError(f'{path}: only a .bin takes columns; the header of {suffix} names its own')
+    elif suffix == '.gcl':
+        return replace(decode(path.read_bytes(), str(path)), name=str(path))
     else:
         array = _read_npy(path) if suffix == '.npy' else _read_with_header(path)
     if len(array) == 0:
@@ -104,15 +108,23 @@ class CloudReader:
         return read_cloud(path, self.layout)
 
 
-def write_cloud(path: Path, cloud: PointCloud) -> None:
+def write_cloud(path: Path, cloud: PointCloud, compact: CompactConfig | None = None) -> None:
     """Write a cloud in the format of its suffix, .pcd and .ply in binary.
 
+    Args:
+        path: the file.
+        cloud: its points.
+        compact: how much of them a `.gcl` keeps.
+
     Raises:
-        GclError: unknown format, or the file cannot be written.
+        GclError: unknown format, nothing that a `.gcl` keeps, or the file cannot be written.
     """
     suffix, points = writable_format(path), np.ascontiguousarray(cloud.points, '<f4')
+    data = encode(cloud, compact) if suffix == '.gcl' else b''
     with whole_file(path) as part, part.open('wb') as file:
-        if suffix == '.npy':
+        if suffix == '.gcl':
+            file.write(data)
+        elif suffix == '.npy':
             np.save(file, cloud.points, allow_pickle=False)
         elif suffix == '.bin':
             file.write(np.column_stack([points, np.zeros(len(cloud), '<f4')]).tobytes())

@@ -17,11 +17,13 @@ from gcl_core.types import PointCloud
 class FolderSequence:
     """Implements `gcl_core.data.sequence.Sequence`.
 
-    Clouds (.bin, .pcd, .ply, .npy) are taken in the order of the numbers in their names.
+    Clouds (.bin, .pcd, .ply, .npy, .gcl) are taken in the order of the numbers in their names.
     `poses.txt`, where present, holds a line for each: the LiDAR's pose as KITTI's 12 numbers.
 
     Attributes:
         clouds: reads the files; to be replaced where the columns of `.bin` files are told.
+        files: of the scans, in their order.
+        posed: whether there are poses.
 
     Raises:
         GclError: no cloud, clouds of several formats, or not one pose for each cloud.
@@ -32,23 +34,24 @@ class FolderSequence:
         self._folder = folder
         self.clouds = CloudReader()
         found = [path for path in _listed(folder) if path.suffix.lower() in FORMATS]
-        self._scans = sorted(found, key=_natural)
-        if not self._scans:
+        self.files = sorted(found, key=_natural)
+        if not self.files:
             raise GclError(f'no cloud in {folder}; expected files {", ".join(FORMATS)}')
-        kinds = sorted({path.suffix.lower() for path in self._scans})
+        kinds = sorted({path.suffix.lower() for path in self.files})
         if len(kinds) > 1:
             raise GclError(f'{folder} mixes {" and ".join(kinds)}; keep one format in a folder')
         poses = folder / 'poses.txt'
         self._poses = read_poses(poses) if poses.is_file() else None
-        if self._poses is not None and len(self._poses) != len(self._scans):
-            raise GclError(f'{poses}: {len(self._poses)} poses for {len(self._scans)} clouds')
+        self.posed = self._poses is not None
+        if self._poses is not None and len(self._poses) != len(self.files):
+            raise GclError(f'{poses}: {len(self._poses)} poses for {len(self.files)} clouds')
 
     def __len__(self) -> int:
-        return len(self._scans)
+        return len(self.files)
 
     def scan(self, index: int) -> PointCloud:
         """Read one cloud."""
-        return self.clouds(self._scans[index])
+        return self.clouds(self.files[index])
 
     def T_world_lidar(self, index: int) -> Float[np.ndarray, '4 4']:
         """Pose of the LiDAR.

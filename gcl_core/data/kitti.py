@@ -30,6 +30,7 @@ class KittiSequence:
 
     Attributes:
         clouds: reads the files; to be replaced where the columns of `.bin` files are told.
+        files: of the scans, in their order; none where there are poses alone.
 
     Args:
         root: folder that holds `sequences` and `poses`.
@@ -47,16 +48,16 @@ class KittiSequence:
         self.clouds = CloudReader()
         if not folder.is_dir():
             raise GclError(f'no folder {folder}; {LAYOUT}')
-        self._scans = sorted(self._folder.glob('*.bin'))
+        self.files = sorted(self._folder.glob('*.bin'))
         own, suma = root / 'poses' / f'{sequence}.txt', folder / 'poses.txt'
         takes_suma = poses == 'semantickitti' or (
             poses == 'auto' and suma.is_file() and not own.is_file()
         )
         self.name = f'kitti/{sequence}-suma' if takes_suma else f'kitti/{sequence}'
         self._poses = lidar_poses(suma if takes_suma else own, folder / 'calib.txt')
-        if self._folder.is_dir() and len(self._poses) != len(self._scans):
+        if self._folder.is_dir() and len(self._poses) != len(self.files):
             raise GclError(
-                f'{self.name}: {len(self._scans)} scans but {len(self._poses)} poses; '
+                f'{self.name}: {len(self.files)} scans but {len(self._poses)} poses; '
                 'the download is incomplete'
             )
 
@@ -69,9 +70,9 @@ class KittiSequence:
         Raises:
             GclError: there are poses alone, or the file is damaged.
         """
-        if not self._scans:
+        if not self.files:
             raise GclError(f'no folder {self._folder}; {LAYOUT}')
-        return self.clouds(self._scans[index])
+        return self.clouds(self.files[index])
 
     def T_world_lidar(self, index: int) -> Float[np.ndarray, '4 4']:
         """Pose of the LiDAR; the first scan of the drive is near the identity."""

@@ -9,6 +9,7 @@ import numpy as np
 
 from gcl_core import se3
 from gcl_core.data.clouds import write_cloud
+from gcl_core.data.poses import write_poses
 from gcl_core.data.sequence import Sequence
 from gcl_core.errors import GclError
 from gcl_core.progress import progress
@@ -53,9 +54,8 @@ def write_kitti(
         poses = []
         for row, index in enumerate(progress(indices, desc=number, unit='scan')):
             write_cloud(folder / 'velodyne' / f'{row:06d}.bin', sequence.scan(index))
-            T = T_origin_world @ sequence.T_world_lidar(index)
-            poses.append(' '.join(f'{value:.9e}' for value in T[:3].ravel()))
-        (root / 'poses' / f'{number}.txt').write_text('\n'.join(poses) + '\n')
+            poses.append(T_origin_world @ sequence.T_world_lidar(index))
+        write_poses(root / 'poses' / f'{number}.txt', poses)
         (folder / 'calib.txt').write_text(f'Tr: {IDENTITY}\n')
         times = (f'{stamp:.6e}\n' for stamp in stamps)
         (folder / 'times.txt').write_text(''.join(times))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -29,6 +30,12 @@ def read_poses(path: Path) -> Float[np.ndarray, 'n 4 4']:
             'expected the 3x4 matrix [R | t] row by row'
         )
     return poses
+
+
+def write_poses(path: Path, poses: Iterable[Float[np.ndarray, '4 4']]) -> None:
+    """Write what `read_poses` reads."""
+    lines = (' '.join(f'{value:.9e}' for value in T[:3].ravel()) for T in poses)
+    path.write_text(''.join(f'{line}\n' for line in lines))
 
 
 def read_table(path: Path, width: int) -> Float[np.ndarray, 'n width']:

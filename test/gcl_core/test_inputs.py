@@ -4,6 +4,7 @@ import json
 import re
 import shutil
 import struct
+import zlib
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,10 +12,12 @@ import numpy as np
 import pytest
 
 from gcl_core.cli.main import main
+from gcl_core.compact.scan import CHECKSUM, HEADER, SIZE, CompactConfig, encode
 from gcl_core.data.bin_layout import BinLayout
 from gcl_core.data.clouds import read_cloud
 from gcl_core.data.formats import open_sequence
 from gcl_core.errors import GclError
+from gcl_core.types import PointCloud
 from gcl_ros.bag_info import look
 from gcl_ros.fuzz import seeds
 
@@ -244,6 +247,39 @@ NPYS = [
 ]
 
 
+COMPACT = CompactConfig(voxel_size=0.5, max_range=1000)
+GCL = encode(PointCloud(XYZ), COMPACT)
+CELLS = np.unique(np.floor(XYZ / np.float32(0.5)).astype(int), axis=0)
+
+
+def sealed(data):
+    """A packed scan with the checksum that its bytes have."""
+    checksum = zlib.crc32(data[SIZE:], zlib.crc32(data[: HEADER.size]))
+    return data[: HEADER.size] + CHECKSUM.pack(checksum) + data[SIZE:]
+
+
+GCLS = [
+    Case('packed.gcl', GCL, points=(CELLS + 0.5) * 0.5),
+    Case('PACKED.GCL', GCL, points=(CELLS + 0.5) * 0.5),
+    Case('empty.gcl', b'', 'is no compact scan'),
+    Case('cloud.gcl', rows(XYZ, INTENSITY), 'is no compact scan'),
+    Case('cut.gcl', GCL[:-9], 'checksum does not fit'),
+    Case('header_alone.gcl', GCL[:SIZE], 'checksum does not fit'),
+    Case('half_a_header.gcl', GCL[:20], 'is no compact scan'),
+    Case('one_bit.gcl', GCL[:200] + bytes([GCL[200] ^ 4]) + GCL[201:], 'checksum does not fit'),
+    Case('as_text.gcl', GCL.replace(b'\n', b'\r\n') + b'\r\n', 'checksum does not fit'),
+    Case('later.gcl', sealed(GCL[:4] + b'\2' + GCL[5:]), 'is a compact scan of format 2'),
+    Case(
+        'more_voxels.gcl',
+        sealed(GCL[:24] + struct.pack('<I', len(CELLS) + 1) + GCL[28:]),
+        'is damaged: .* voxels',
+    ),
+    Case(
+        'huge.gcl', sealed(GCL[:24] + struct.pack('<I', 2**26) + GCL[28:]), 'has 67108864 voxels'
+    ),
+]
+
+
 def made(case, folder):
     """Path of the file of a case."""
     path = folder / case.name
@@ -251,15 +287,17 @@ def made(case, folder):
     return path
 
 
-@pytest.mark.parametrize('case', [*PCDS, *PLYS, *BINS, *NPYS], ids=lambda case: case.name)
+@pytest.mark.parametrize('case', [*PCDS, *PLYS, *BINS, *NPYS, *GCLS], ids=lambda case: case.name)
 def test_a_file_is_read_right_or_refused_by_name(case, tmp_path):
     path = made(case, tmp_path)
     if case.words:
         with pytest.raises(GclError, match=rf'{re.escape(case.name)}.*{case.words}'):
             read_cloud(path)
         return
-    points = XYZ if case.points is None else case.points
-    np.testing.assert_allclose(read_cloud(path).points, points, rtol=2e-7)
+    points, read = XYZ if case.points is None else case.points, read_cloud(path).points
+    if case in GCLS:
+        read = read[np.lexsort(read.T[::-1])]  # an octree keeps an order of its own
+    np.testing.assert_allclose(read, points, rtol=2e-7)
 
 
 @pytest.mark.parametrize('seed', range(3))

@@ -36,7 +36,7 @@ def add_parser(commands: Any) -> None:
     nuscenes.add_argument('root', type=Path, help='folder with samples/ and v1.0-*/')
     nuscenes.add_argument('--sequence', help='log; default: the only one')
     folder = _kind(kinds, 'from-folder', 'from a folder of clouds with poses.txt')
-    folder.add_argument('root', type=Path, help='folder of .bin, .pcd, .ply or .npy files')
+    folder.add_argument('root', type=Path, help='folder of .bin, .pcd, .ply, .npy or .gcl files')
     for kind in (kitti, folder):
         add_columns(kind)
     data = _kind(kinds, 'from-data', 'from any of these, ETH, or a bag of one drive')

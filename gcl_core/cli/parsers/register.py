@@ -23,7 +23,7 @@ def add_parser(commands: Any) -> None:
             ],
         ),
     )
-    parser.add_argument('source', type=Path, help='.bin (KITTI), .pcd, .ply or .npy')
+    parser.add_argument('source', type=Path, help='.bin (KITTI), .pcd, .ply, .npy or .gcl')
     parser.add_argument('target', type=Path, help='likewise')
     parser.add_argument('--config', type=Path, help='YAML of RegistrarConfig')
     parser.add_argument('--aligned', type=Path, help='write the source in the target frame here')
