@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 from pathlib import Path
 from typing import Any
 
@@ -43,6 +44,11 @@ def add_parser(commands: Any) -> None:
     parser.add_argument('--random-yaw', action='store_true', help='turn each source at random')
     _add_what_becomes_of_scans(parser)
     add_json(parser)
+    _add_methods(parser)
+
+
+def _add_methods(parser: argparse.ArgumentParser) -> None:
+    """Add what runs where no config says it."""
     own = parser.add_argument_group('methods, without --config')
     own.add_argument('--registrar', type=Path, help='YAML of RegistrarConfig')
     own.add_argument('--peers', nargs='*', default=[], choices=PEERS, help='also run')
