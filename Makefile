@@ -5,7 +5,7 @@ JAZZY := .venv-jazzy
 BIN := $(VENV)/bin
 
 .PHONY: install browser demo test test-aarch64 test-jazzy test-lowest lint type bench bench-engine \
-	bench-registration bench-age bench-fuzz \
+	bench-registration bench-age bench-compact bench-fuzz \
 	bench-trust soak audit docs clean
 
 install: $(VENV)/installed
@@ -73,6 +73,14 @@ bench-engine: install
 # Run it when nothing else runs.
 bench-registration: install
 	$(BIN)/python -m gcl_core.bench.registration --out bench/registration.json
+
+# Likewise, DATA as above; goes on where it was stopped.  Draco goes to a folder of its own; where it has no wheel, its
+# column stays empty.
+bench-compact: install
+	test -d build/draco || $(BIN)/pip install -q --disable-pip-version-check --no-deps \
+		--only-binary :all: --target build/draco DracoPy || echo "no DracoPy: without Draco"
+	PYTHONPATH=build/draco $(BIN)/python -m gcl_core.bench.compact --out bench/compact.json \
+		$(if $(DATA),--data $(DATA))
 
 # Likewise; MINUTES=30 for the memory of a long run.
 bench-age: install

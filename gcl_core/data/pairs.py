@@ -36,8 +36,9 @@ def draw_pairs(
     per_bin: int,
     seed: int = 0,
     drives: Int[np.ndarray, ' n'] | None = None,
+    bins: tuple[tuple[int, int], ...] = BINS,
 ) -> list[Pair]:
-    """Draw up to `per_bin` random pairs for each of `BINS`; the earlier scan is the target.
+    """Draw up to `per_bin` random pairs for each bin; the earlier scan is the target.
 
     Not the paper's protocol for KITTI [b1, b2], which needs a whole drive; short sequences use it.
     Pairs of one drive are correlated, so that intervals on them are too narrow.
@@ -47,16 +48,17 @@ def draw_pairs(
         per_bin: most pairs of a bin.
         seed: of the draw.
         drives: drive of each scan; only pairs of scans of two drives are drawn.
+        bins: of distance, metres, the farthest last.
     """
     where = positions(sequence)
-    near = cKDTree(where).query_pairs(BINS[-1][1], output_type='ndarray')
+    near = cKDTree(where).query_pairs(bins[-1][1], output_type='ndarray')
     if drives is not None:
         near = near[drives[near[:, 0]] != drives[near[:, 1]]]
     target, source = near[np.lexsort((near[:, 1], near[:, 0]))].T
     distance = np.linalg.norm(where[source] - where[target], axis=1)
     rng = np.random.default_rng(seed)
     pairs = []
-    for low, high in BINS:
+    for low, high in bins:
         inside = np.flatnonzero((distance >= low) & (distance < high))
         for row in inside[np.sort(rng.permutation(len(inside))[:per_bin])]:
             apart = float(distance[row])
