@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from gcl_core import se3
 from gcl_core.errors import GclError
-from gcl_core.estimation.confidence import Calibration, MadeWith, load_calibration
+from gcl_core.estimation.confidence import MadeWith, load_calibration
 from gcl_core.estimation.decision import (
     Finalist,
     VerifyConfig,
@@ -34,7 +34,7 @@ from gcl_core.ops.native.instructions import held
 from gcl_core.ops.native.kernels import kernels_for
 from gcl_core.stopwatch import Stopwatch
 from gcl_core.types import Features, PointCloud, Registration
-from gcl_core.view import View, thinner, undescribed, with_key_points
+from gcl_core.view import View, undescribed
 
 FEWEST_KEY_POINTS = 100  # anything fits a handful of points
 TURN_MARGIN = 0.6  # of what weights bear: beyond it, headings are another turn's business
@@ -110,7 +110,7 @@ class Registrar:
         self.config = config or RegistrarConfig()
         self.model = zoo.load_weights(self.config.weights)
         self.model.dtype = zoo.dtype_named(self.config.precision)
-        self.calibrations = load_calibration(zoo.calibration_file(self.config.weights))
+        self.calibration = load_calibration(zoo.calibration_file(self.config.weights))
         self._weights = sha256(zoo.weights_file(self.config.weights))
 
     @property
@@ -121,7 +121,7 @@ class Registrar:
     @property
     def uncalibrated(self) -> str:
         """Why probabilities are not those of these weights and settings; empty if they are."""
-        held = self.calibrations.made_with
+        held = self.calibration.made_with
         if held == self.made_with:
             return ''
         if held is None or held.weights != self._weights:
@@ -246,7 +246,7 @@ class Registrar:
         with watch('verify'):
             scene = self.scene(source=source, target=target)
             examined = examine(hypotheses, scene, self.config.verify)
-        calibration = self.calibration(source=source, target=target)
+        calibration = self.calibration
         if self.config.min_probability > 0 and nothing_fits(examined, calibration):
             best = hypotheses[int(calibration.estimated.fit.log_odds(examined).argmax())]
             reason = 'probability 0: no hypothesis fits what the scans saw'
@@ -260,12 +260,8 @@ class Registrar:
         probability = float(calibration.trust.probability(columns))
         if winner.refined.walked or winner.refined.slides:
             probability = 0.0
-        result = self._verdict(winner, probability, calibration, offered, watch)
+        result = self._verdict(winner, probability, offered, watch)
         return between_lidars(result, source=source, target=target)
-
-    def calibration(self, *, source: View, target: View) -> Calibration:
-        """Fitted numbers for a pair: key points show less than a scan."""
-        return self.calibrations.of(keypoints=with_key_points(source, target))
 
     def search(
         self, *, source: View, target: View, watch: Stopwatch
@@ -293,7 +289,7 @@ class Registrar:
             headings=[raised(features) for features in source.headings],
             turns=source.turns,
             keypoints=keypoint_grid(target.headings[0]),
-            points=thinner(source, target),
+            points=min(source.points, target.points),
         )
 
     def finalists(
@@ -321,7 +317,6 @@ class Registrar:
         self,
         winner: Finalist,
         probability: float,
-        calibration: Calibration,
         offered: int,
         watch: Stopwatch,
     ) -> Registration:
@@ -343,7 +338,7 @@ class Registrar:
             probability=probability,
             covariance=None
             if winner.refined.walked
-            else calibration.spread.covariance(
+            else self.calibration.spread.covariance(
                 winner.refined.information, winner.refined.residual
             ),
         )

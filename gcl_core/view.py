@@ -8,7 +8,6 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
-from gcl_core.estimation.evidence import SWEEP
 from gcl_core.estimation.refine import Prepared, RefineConfig, prepare
 from gcl_core.estimation.surface import Surface, surface
 from gcl_core.types import Features, PointCloud
@@ -24,8 +23,7 @@ class View:
         turns: T_turned_view of each heading; the identity alone where it is a target.
         surface: for checks.
         prepared: for refinement.
-        points: number of them, or of the key points that stand in for them.
-        keypoints: whether key points stand in for the scan's own.
+        points: number of them.
     """
 
     T_view_lidar: Float[np.ndarray, '4 4']
@@ -34,27 +32,12 @@ class View:
     surface: Surface
     prepared: Prepared
     points: int
-    keypoints: bool = False
-
-
-def with_key_points(source: View, target: View) -> bool:
-    """Whether key points stand in for a scan of a pair."""
-    return source.keypoints or target.keypoints
-
-
-def thinner(source: View, target: View) -> int:
-    """Points of the thinner scan of a pair; `SWEEP` where key points tell nothing of a sensor."""
-    return SWEEP if with_key_points(source, target) else min(source.points, target.points)
 
 
 def undescribed(
-    cloud: PointCloud,
-    T_view_lidar: Float[np.ndarray, '4 4'],
-    config: RefineConfig,
-    *,
-    keypoints: bool = False,
+    cloud: PointCloud, T_view_lidar: Float[np.ndarray, '4 4'], config: RefineConfig
 ) -> View:
-    """All of a view that does not depend on headings; `keypoints` says what the cloud is of.
+    """All of a view that does not depend on headings.
 
     Raises:
         GclError: no point lies within 80 m.
@@ -67,5 +50,4 @@ def undescribed(
         surface=surface(cloud),
         prepared=prepare(cloud, config),
         points=len(cloud),
-        keypoints=keypoints,
     )

@@ -67,7 +67,7 @@ def pair_stages(
     yield 'scene', scene
     examined = examine(hypotheses, scene, config.verify)
     yield 'evidence', examined
-    calibration = registrar.calibration(source=source, target=target)
+    calibration = registrar.calibration
     odds = calibration.estimated.choice.log_odds(examined)
     yield 'odds', odds
     finalists = registrar.finalists(hypotheses, odds, scene, source=source, target=target)

@@ -77,7 +77,7 @@ def stages(
     hypotheses, _ = registrar.search(**views, watch=Stopwatch())
     scene = registrar.scene(**views)
     examined = examine(hypotheses, scene, config.verify)
-    odds = registrar.calibration(**views).estimated.choice.log_odds(examined)
+    odds = registrar.calibration.estimated.choice.log_odds(examined)
     work: dict[str, Callable[[], Any]] = {
         'describe': lambda: registrar.model.describe([source]),
         'surface': lambda: surface(source),

@@ -121,26 +121,6 @@ class Trust:
 
 
 @dataclass(frozen=True)
-class Calibration:
-    """Fitted numbers for scans of one kind.
-
-    Attributes:
-        estimated: judges hypotheses as estimated.
-        refined: judges them as refined.
-        gate: log odds of `estimated.fit` below which nothing is refined: no right one was lower.
-        trust: judges the winner by its log odds, its lead over the other finalist, and its lead
-            over every other place as estimated, each through tanh.
-        spread: of the transform.
-    """
-
-    estimated: Stage
-    refined: Stage
-    gate: float
-    trust: Trust
-    spread: Spread
-
-
-@dataclass(frozen=True)
 class MadeWith:
     """What a calibration was made with; it holds for nothing else.
 
@@ -154,37 +134,44 @@ class MadeWith:
 
 
 @dataclass(frozen=True)
-class Calibrations:
-    """What comes with weights.
+class Calibration:
+    """Fitted numbers that come with weights.
 
     Attributes:
-        whole: for two scans.
-        thin: where key points stand in for a scan.
+        estimated: judges hypotheses as estimated.
+        refined: judges them as refined.
+        gate: log odds of `estimated.fit` below which nothing is refined: no right one was lower.
+        trust: judges the winner by its log odds, its lead over the other finalist, and its lead
+            over every other place as estimated, each through tanh.
+        spread: of the transform.
         made_with: None if nothing tells.
     """
 
-    whole: Calibration
-    thin: Calibration
+    estimated: Stage
+    refined: Stage
+    gate: float
+    trust: Trust
+    spread: Spread
     made_with: MadeWith | None = None
 
-    def of(self, *, keypoints: bool) -> Calibration:
-        """The one for pairs of scans, or with key points on a side."""
-        return self.thin if keypoints else self.whole
 
-
-def load_calibration(path: Path) -> Calibrations:
+def load_calibration(path: Path) -> Calibration:
     """Read what the calibration command wrote.
 
     Raises:
-        GclError: missing or malformed.
+        GclError: missing, malformed, or of a version that calibrated key points apart.
     """
     content = read_json(path, REMEDY)
     if isinstance(content, dict):
         content.pop('record', None)
-    calibrations = from_mapping(Calibrations, content, str(path))
-    for kind in ('whole', 'thin'):
-        _check(getattr(calibrations, kind), f'{path}: {kind}')
-    return calibrations
+        if 'whole' in content or 'thin' in content:
+            raise GclError(
+                f"{path} has the keys 'whole' and 'thin' of an older version; this version "
+                f'has one calibration for all scans; {REMEDY}'
+            )
+    calibration = from_mapping(Calibration, content, str(path))
+    _check(calibration, str(path))
+    return calibration
 
 
 def _check(calibration: Calibration, where: str) -> None:
@@ -213,6 +200,6 @@ def _check(calibration: Calibration, where: str) -> None:
         raise GclError(f'{where}: gate or a number of spread is not finite; {REMEDY}')
 
 
-def save_calibration(path: Path, fitted: Calibrations, record: dict[str, Any]) -> None:
+def save_calibration(path: Path, fitted: Calibration, record: dict[str, Any]) -> None:
     """Write fitted numbers and where they come from."""
     write_text(path, json.dumps({**asdict(fitted), 'record': record}, indent=1) + '\n')

@@ -42,8 +42,7 @@ class Scene:
             turned by it.
         turns: T_turned_source of each heading.
         keypoints: the target's, by place.
-        points: of the thinner scan; `SWEEP` where key points stand in for one, whose number says
-            nothing of the sensor.
+        points: of the sparser scan.
     """
 
     source: Surface

@@ -16,11 +16,11 @@ import numpy as np
 import torch
 
 from gcl_core.errors import GclError, bad_input_exits
-from gcl_core.estimation.confidence import Calibration, Calibrations, Stage, save_calibration
+from gcl_core.estimation.confidence import Calibration, Stage, save_calibration
 from gcl_core.estimation.evidence import SIGNS
 from gcl_core.estimation.fit_judges import fit_choice, fit_judge, fit_trust
 from gcl_core.evaluation.encounters import encounters, few_turns
-from gcl_core.evaluation.reliability import Verdicts, fit_spread, joined, report, verdicts
+from gcl_core.evaluation.reliability import fit_spread, joined, report, verdicts
 from gcl_core.evaluation.trials import GATE_MARGIN, Trial, load_trials, save_trials
 from gcl_core.files import check_writable, sha256
 from gcl_core.models import zoo
@@ -84,7 +84,9 @@ def fit(trials: list[Trial], start: Calibration) -> Calibration:
             weight=shares([t for t, _ in finals]),
         ),
     )
-    calibration = replace(start, estimated=estimated, refined=refined, gate=NO_GATE)
+    calibration = replace(
+        start, estimated=estimated, refined=refined, gate=NO_GATE, made_with=None
+    )
     outcome = verdicts(trials, calibration)
     judged = torch.tensor([w is not None for w in outcome.winners])
     trust = fit_trust(outcome.columns[judged], outcome.right[judged])
@@ -104,17 +106,6 @@ def lowest_right(trials: list[Trial], calibration: Calibration) -> float:
     likely = (outcome.right & (outcome.probability > 0.5)).tolist()
     odds = [float(calibration.estimated.fit.log_odds(t.columns).max()) for t in trials]
     return min((o for o, kept in zip(odds, likely) if kept), default=NO_GATE)
-
-
-def fit_both(trials: list[Trial], start: Calibrations) -> Calibrations:
-    """Fit the judges of whole scans and of key points, each on its own trials."""
-    whole, thin = by_kind(trials)
-    return Calibrations(fit(whole, start.whole), fit(thin, start.thin))
-
-
-def by_kind(trials: list[Trial]) -> tuple[list[Trial], list[Trial]]:
-    """Trials of whole scans, and those with key points on a side."""
-    return [t for t in trials if not t.keypoints], [t for t in trials if t.keypoints]
 
 
 def main() -> None:
@@ -145,7 +136,7 @@ def run(o: Any) -> None:
     if len(files) < FOLDS:
         raise GclError(f'{len(files)} worlds of trials in {trials}; {FOLDS} are the fewest')
     worlds = [load_trials(path) for path in files]
-    figures = cross_validated(worlds, registrar.calibrations)
+    figures = cross_validated(worlds, registrar.calibration)
     print(figures)
     everything = [t for world in worlds for t in world]
     record = {
@@ -153,30 +144,24 @@ def run(o: Any) -> None:
         'trials': len(everything),
         'cross_validated': figures.splitlines(),
     }
-    fitted = replace(fit_both(everything, registrar.calibrations), made_with=registrar.made_with)
+    fitted = replace(fit(everything, registrar.calibration), made_with=registrar.made_with)
     save_calibration(out, fitted, record)
     print(f'wrote {out}')
 
 
-def cross_validated(worlds: list[list[Trial]], start: Calibrations) -> str:
+def cross_validated(worlds: list[list[Trial]], start: Calibration) -> str:
     """Judge the trials of each world by what was fitted on other worlds, and report."""
-    seen: list[list[Trial]] = [[], []]
-    outcomes: list[list[Verdicts]] = [[], []]
+    seen: list[Trial] = []
+    outcomes = []
     # Drawn, since what a world is follows from its number: a tunnel, say, is every twelfth.
     folds = np.random.default_rng(0).permutation(len(worlds)) % FOLDS
     for fold in range(FOLDS):
-        fitted = fit_both([t for f, w in zip(folds, worlds) if f != fold for t in w], start)
+        fitted = fit([t for f, w in zip(folds, worlds) if f != fold for t in w], start)
         own = [t for f, w in zip(folds, worlds) if f == fold for t in w]
-        parts = zip(by_kind(own), (fitted.whole, fitted.thin), strict=True)
-        for k, (trials, calibration) in enumerate(parts):
-            if trials:
-                seen[k] += trials
-                outcomes[k].append(verdicts(trials, calibration))
-    return '\n'.join(
-        f'{name}: {report(trials, joined(outcome))}'
-        for name, trials, outcome in zip(('whole scans', 'key points'), seen, outcomes)
-        if trials
-    )
+        if own:
+            seen += own
+            outcomes.append(verdicts(own, fitted))
+    return report(seen, joined(outcomes))
 
 
 if __name__ == '__main__':

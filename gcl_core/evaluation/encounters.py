@@ -15,7 +15,7 @@ from gcl_core.data.sequence import Sequence
 from gcl_core.data.simulator.sequence import SimulatedSequence
 from gcl_core.evaluation.barren import BarrenSequence
 from gcl_core.evaluation.repeated import RepeatedSequence
-from gcl_core.evaluation.trials import Trial, blurred, run_trial, thinned
+from gcl_core.evaluation.trials import Trial, blurred, run_trial
 from gcl_core.registrar import Registrar
 from gcl_core.types import PointCloud
 from gcl_core.view import View
@@ -24,8 +24,6 @@ MAX_BLUR = 0.4  # noise on descriptors: few inliers, as on real scans beyond 30 
 MAX_SKEW = 0.5  # metres that a sweep is drawn out by uncompensated motion
 MAX_JITTER = 0.04  # metres
 TILT = np.deg2rad(1.0)  # roll and pitch of a vehicle, standard deviation
-FEWEST, MOST = 250, 5000  # key points that stand in for a scan
-THIN_SHARE = 0.5  # of the pairs, once more with key points on one side or both
 SENSORS = {'hdl64e': 0.4, 'vlp16': 0.2, 'hdl32e': 0.15, 'os1_128': 0.15, 'pandar128': 0.1}
 OTHER_SENSOR = 0.2  # of the worlds: the sources' differs from the targets'
 REPEATED_EVERY = 4  # every fourth world repeats one house
@@ -193,29 +191,12 @@ def encounters(registrar: Registrar, seed: int) -> Iterator[Trial]:
             stranger = number >= len(targets)
             T_true = se3.inverse(target.T_world_lidar) @ source.T_world_lidar
             sigma = float(rng.uniform(0, MAX_BLUR))
-            blurry = blurred(source.view, sigma, generator)
-            views = [(blurry, target.view)]
-            if rng.random() < THIN_SHARE:
-                views.append(thin(registrar, blurry, target.view, rng))
-            for a, b in views:
-                trial = run_trial(
-                    registrar,
-                    source=a,
-                    target=b,
-                    T_true=None if stranger else T_true,
-                    kind='unrelated' if stranger else world(seed).kind,
-                )
-                if trial is not None:
-                    yield trial
-
-
-def thin(
-    registrar: Registrar, source: View, target: View, rng: np.random.Generator
-) -> tuple[View, View]:
-    """Source, target or both as key points."""
-    limit = int(np.exp(rng.uniform(np.log(FEWEST), np.log(MOST))))
-    which = rng.integers(3)
-    return (
-        source if which == 0 else thinned(registrar, source, limit),
-        target if which == 1 else thinned(registrar, target, limit),
-    )
+            trial = run_trial(
+                registrar,
+                source=blurred(source.view, sigma, generator),
+                target=target.view,
+                T_true=None if stranger else T_true,
+                kind='unrelated' if stranger else world(seed).kind,
+            )
+            if trial is not None:
+                yield trial

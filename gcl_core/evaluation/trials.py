@@ -16,15 +16,13 @@ from safetensors.torch import save_file
 from gcl_core import se3
 from gcl_core.errors import GclError
 from gcl_core.estimation.decision import Finalist, examine, nothing_fits
-from gcl_core.estimation.refine import Refined, prepare
-from gcl_core.estimation.surface import surface
+from gcl_core.estimation.refine import Refined
 from gcl_core.evaluation import metrics
 from gcl_core.files import whole_file
-from gcl_core.matching.keypoints import selected
 from gcl_core.registrar import Registrar
 from gcl_core.stopwatch import Stopwatch
-from gcl_core.types import Features, PointCloud
-from gcl_core.view import View, with_key_points
+from gcl_core.types import Features
+from gcl_core.view import View
 
 GATE_MARGIN = 1.0  # log odds below the gate that are refined all the same: to set a new one
 
@@ -36,7 +34,6 @@ class Trial:
     Attributes:
         kind: where the pair comes from.
         distance: between the sensors, metres; inf for unrelated places.
-        keypoints: whether they stand in for a scan of a side.
         columns: evidence on each hypothesis as estimated.
         right: whether it lies within 2 m and 5 degrees of the truth.
         finalists: as refined; none where nothing was worth refining.
@@ -46,7 +43,6 @@ class Trial:
 
     kind: str
     distance: float
-    keypoints: bool
     columns: Float[torch.Tensor, 'h 10']
     right: Bool[torch.Tensor, ' h']
     finalists: list[Finalist]
@@ -77,21 +73,6 @@ def blurred(view: View, sigma: float, generator: torch.Generator) -> View:
     return replace(view, headings=headings)
 
 
-def thinned(registrar: Registrar, view: View, limit: int) -> View:
-    """A scan as it looks when only key points of it are sent."""
-    headings = [selected(features, limit) for features in view.headings]
-    points = se3.transform(se3.inverse(view.turns[0].numpy()), headings[0].points.numpy())
-    cloud = PointCloud(points)
-    return replace(
-        view,
-        headings=headings,
-        surface=surface(cloud),
-        prepared=prepare(cloud, registrar.config.refine),
-        points=len(cloud),
-        keypoints=True,
-    )
-
-
 def run_trial(
     registrar: Registrar,
     *,
@@ -108,7 +89,7 @@ def run_trial(
         return None
     scene = registrar.scene(source=source, target=target)
     columns = examine(hypotheses, scene, registrar.config.verify)
-    calibration = registrar.calibration(source=source, target=target)
+    calibration = registrar.calibration
     finalists = []
     if not nothing_fits(columns, replace(calibration, gate=calibration.gate - GATE_MARGIN)):
         odds = calibration.estimated.choice.log_odds(columns)
@@ -121,7 +102,6 @@ def run_trial(
     return Trial(
         kind=kind,
         distance=np.inf if T_true is None else float(np.linalg.norm(T_true[:3, 3])),
-        keypoints=with_key_points(source, target),
         columns=columns,
         right=torch.tensor(right),
         finalists=finalists,
@@ -143,9 +123,9 @@ def error(
 
 def save_trials(path: Path, trials: Iterable[Trial]) -> None:
     """Write trials to a safetensors file."""
-    tensors, kinds = {}, []
+    tensors, pairs = {}, []
     for i, trial in enumerate(trials):
-        kinds.append((trial.kind, trial.distance, trial.keypoints))
+        pairs.append((trial.kind, trial.distance))
         tensors[f'{i}/columns'], tensors[f'{i}/right'] = trial.columns.contiguous(), trial.right
         tensors[f'{i}/errors'] = trial.errors
         for k, f in enumerate(trial.finalists):
@@ -156,7 +136,7 @@ def save_trials(path: Path, trials: Iterable[Trial]) -> None:
             tensors[f'{i}/{k}/T'] = torch.from_numpy(f.refined.T_target_source.copy())
             tensors[f'{i}/{k}/information'] = torch.from_numpy(f.refined.information.copy())
     with whole_file(path) as part:
-        save_file(tensors, part, metadata={'kinds': json.dumps(kinds)})
+        save_file(tensors, part, metadata={'pairs': json.dumps(pairs)})
 
 
 def load_trials(path: Path) -> list[Trial]:
@@ -166,11 +146,11 @@ def load_trials(path: Path) -> list[Trial]:
         GclError: another version wrote it.
     """
     with safe_open(path, framework='pt') as file:
-        get = file.get_tensor
+        get, metadata = file.get_tensor, file.metadata() or {}
+        if 'pairs' not in metadata:
+            raise GclError(f'{path} is of another version; remove it to collect it anew')
         trials = []
-        for i, (kind, distance, keypoints) in enumerate(json.loads(file.metadata()['kinds'])):
-            if not isinstance(keypoints, bool):
-                raise GclError(f'{path} is of another version; remove it to collect it anew')
+        for i, (kind, distance) in enumerate(json.loads(metadata['pairs'])):
             errors, finalists = get(f'{i}/errors'), []
             for k in range(len(errors)):
                 inliers, row, walked, residual = get(f'{i}/{k}/numbers').tolist()
@@ -182,7 +162,6 @@ def load_trials(path: Path) -> list[Trial]:
                 Trial(
                     kind=kind,
                     distance=distance,
-                    keypoints=keypoints,
                     columns=get(f'{i}/columns'),
                     right=get(f'{i}/right'),
                     finalists=finalists,

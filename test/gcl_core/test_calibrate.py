@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from safetensors.torch import save_file
 
 from gcl_core import se3
 from gcl_core.errors import GclError
@@ -20,7 +21,6 @@ from gcl_core.evaluation.encounters import (
     roughened,
     sources_of,
     targets_of,
-    thin,
     world,
 )
 from gcl_core.evaluation.reliability import fit_spread, joined, report, verdicts
@@ -52,7 +52,7 @@ def finalist(rng, right, row, residual):
     return Finalist(refined, torch.from_numpy(columns).float(), 30, row, rivals)
 
 
-def made_up(count, seed=0, keypoints=False):
+def made_up(count, seed=0):
     """Trials whose errors grow with the residual, with a right one in every two."""
     rng = np.random.default_rng(seed)
     trials = []
@@ -68,7 +68,6 @@ def made_up(count, seed=0, keypoints=False):
             Trial(
                 kind=('street', 'repeated', 'unrelated')[i % 3],
                 distance=20.0,
-                keypoints=keypoints,
                 columns=torch.stack([f.columns for f in finalists]),
                 right=torch.tensor([right, False]),
                 finalists=finalists,
@@ -79,7 +78,7 @@ def made_up(count, seed=0, keypoints=False):
 
 
 def test_fit_separates_right_from_wrong_and_covers_the_errors(registrar):
-    calibration = calibrate.fit(made_up(400), registrar.calibrations.whole)
+    calibration = calibrate.fit(made_up(400), registrar.calibration)
     held_out = made_up(400, seed=1)
     outcome = verdicts(held_out, calibration)
     p, right = outcome.probability, outcome.right
@@ -93,7 +92,7 @@ def test_fit_separates_right_from_wrong_and_covers_the_errors(registrar):
 
 
 def test_overconfident_information_is_widened(registrar):
-    spread = fit_spread(made_up(300), calibrate.fit(made_up(300), registrar.calibrations.whole))
+    spread = fit_spread(made_up(300), calibrate.fit(made_up(300), registrar.calibration))
     assert isinstance(spread, Spread)
     assert spread.power == pytest.approx(2.0, abs=0.3)  # variance grows with the residual's square
     certain = spread.covariance(np.eye(6) * 1e12, 1.0)
@@ -109,7 +108,7 @@ def test_trials_survive_a_file(tmp_path):
         assert torch.equal(a.columns, b.columns)
         assert torch.equal(a.errors, b.errors)
         assert torch.equal(a.strict, b.strict)
-        assert a.keypoints == b.keypoints
+        assert a.distance == b.distance
         assert torch.equal(a.finalists[1].rivals, b.finalists[1].rivals)
         assert (a.finalists[1].row, b.finalists[1].row) == (1, 1)
         assert a.finalists[0].refined.residual == b.finalists[0].refined.residual
@@ -118,12 +117,19 @@ def test_trials_survive_a_file(tmp_path):
         )
 
 
+@pytest.mark.parametrize('metadata', [{'kinds': '[["street", 20.0, true]]'}, None])
+def test_trials_of_another_version_are_refused(metadata, tmp_path):
+    path = tmp_path / 'world_00000.safetensors'
+    save_file({'0/right': torch.ones(1)}, path, metadata=metadata)
+    with pytest.raises(GclError, match='is of another version; remove it to collect it anew'):
+        load_trials(path)
+
+
 def test_command_writes_a_calibration_that_loads(tmp_path, capsys):
     folder = tmp_path / sha256(zoo.weights_file(RegistrarConfig().weights))[:12]
     folder.mkdir()
     for number in range(6):
-        trials = [*made_up(60, seed=number), *made_up(60, seed=number, keypoints=True)]
-        save_trials(folder / f'world_{number:05d}.safetensors', trials)
+        save_trials(folder / f'world_{number:05d}.safetensors', made_up(60, seed=number))
     options = argparse.Namespace(
         weights=RegistrarConfig().weights,
         trials=tmp_path,
@@ -134,9 +140,12 @@ def test_command_writes_a_calibration_that_loads(tmp_path, capsys):
         collect_only=False,
     )
     calibrate.run(options)
-    assert 'wrote' in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert 'wrote' in said
+    assert said.startswith('360 pairs')
     written = load_calibration(tmp_path / 'own.calibration.json')
-    assert written.thin.spread.factor > 0
+    assert written.spread.factor > 0
+    assert written.estimated != Registrar().calibration.estimated
     assert written.made_with == Registrar().made_with
     options.trials, options.worlds = tmp_path / 'empty', 0
     with pytest.raises(GclError, match='0 worlds of trials'):
@@ -208,21 +217,18 @@ def test_roughening_keeps_the_scan(drive):
 
 
 def test_shipped_calibration_is_sane():
-    calibrations = load_calibration(zoo.calibration_file(RegistrarConfig().weights))
-    assert calibrations.of(keypoints=False) is calibrations.whole
-    assert calibrations.of(keypoints=True) is calibrations.thin
-    for calibration in (calibrations.whole, calibrations.thin):
-        for stage in (calibration.estimated, calibration.refined):
-            for judge in (stage.fit, stage.choice):
-                for weight, sign in zip(judge.weight, SIGNS.values(), strict=True):
-                    assert weight * sign >= 0
-        assert all(w > 0 for w in (*calibration.trust.fits.weight, *calibration.trust.only.weight))
-        assert 0 < calibration.spread.floor < 0.5
+    calibration = load_calibration(zoo.calibration_file(RegistrarConfig().weights))
+    for stage in (calibration.estimated, calibration.refined):
+        for judge in (stage.fit, stage.choice):
+            for weight, sign in zip(judge.weight, SIGNS.values(), strict=True):
+                assert weight * sign >= 0
+    assert all(w > 0 for w in (*calibration.trust.fits.weight, *calibration.trust.only.weight))
+    assert 0 < calibration.spread.floor < 0.5
 
 
 def test_hopeless_pairs_are_not_refined(registrar):
     trials = made_up(200)
-    calibration = calibrate.fit(trials, registrar.calibrations.whole)
+    calibration = calibrate.fit(trials, registrar.calibration)
     gated = replace(calibration, gate=1e3)
     assert all(winner is None for winner in verdicts(trials, gated).winners)
     assert float(verdicts(trials, gated).probability.max()) == 0.0
@@ -232,23 +238,12 @@ def test_hopeless_pairs_are_not_refined(registrar):
     assert not bool((lost & ungated.right).any())
 
 
-def test_key_points_stand_in_for_a_scan(registrar, drive):
-    view = registrar.view(drive.scan(90))
-    rng = np.random.default_rng(0)
-    for _ in range(6):
-        source, target = thin(registrar, view, view, rng)
-        fewest = min(source.points, target.points)
-        assert 250 <= fewest <= 5000
-        assert registrar.calibration(source=source, target=target) is registrar.calibrations.thin
-    assert registrar.calibration(source=view, target=view) is registrar.calibrations.whole
-
-
 def test_a_lead_counts_other_places_only():
     rng = np.random.default_rng(0)
-    calibrations = load_calibration(zoo.calibration_file(RegistrarConfig().weights))
+    calibration = load_calibration(zoo.calibration_file(RegistrarConfig().weights))
     first = replace(finalist(rng, True, 0, 0.2), rivals=torch.tensor([False, False, True]))
     examined = torch.stack([first.columns, first.columns + 1.0, first.columns])
     alone = replace(first, rivals=torch.zeros(3, dtype=torch.bool))
-    judged = [summary([f], examined, calibrations.whole)[1][0] for f in (first, alone)]
+    judged = [summary([f], examined, calibration)[1][0] for f in (first, alone)]
     assert float(judged[0][2]) == 0.0  # as good as its only rival
     assert float(judged[1][2]) > 0.99  # no rival

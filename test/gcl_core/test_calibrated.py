@@ -1,29 +1,29 @@
 """Probabilities say whether they were fitted for these weights, settings and kinds of scan."""
 
 import json
+import math
 import shutil
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 import yaml
 
 from gcl_core.config import from_mapping
 from gcl_core.errors import GclError
 from gcl_core.estimation.decision import VerifyConfig
 from gcl_core.estimation.estimators import EstimatorConfig
-from gcl_core.estimation.evidence import SPARSEST, SWEEP
+from gcl_core.estimation.evidence import COLUMNS, SPARSEST, SWEEP, evidence
 from gcl_core.estimation.ransac import RansacConfig
 from gcl_core.estimation.refine import RefineConfig
 from gcl_core.estimation.spatial_consistency import SpatialConsistencyConfig
-from gcl_core.evaluation.trials import thinned
 from gcl_core.matching import match
 from gcl_core.matching.match import MatchConfig
 from gcl_core.models import zoo
 from gcl_core.registrar import Registrar, RegistrarConfig
 from gcl_core.types import PointCloud
-from gcl_core.view import undescribed
 
 ROOT = Path(__file__).parents[2]
 
@@ -107,30 +107,22 @@ def test_a_calibration_that_names_nothing_holds_for_nothing(tmp_path):
 
 def test_results_without_a_transform_say_it_too(registrar, drive):
     view = registrar.view(drive.scan(90))
-    few = thinned(registrar, view, 50)
-    assert registrar.register_views(source=few, target=view).calibrated
+    few = registrar.view(PointCloud(drive.scan(90).points[::4000]))
+    result = registrar.register_views(source=few, target=view)
+    assert (result.T_target_source, result.calibrated) == (None, True)
     other = Registrar(replace(registrar.config, match=MatchConfig(keypoints=5000)))
     assert not other.register_views(source=few, target=view).calibrated
 
 
-@pytest.mark.parametrize('count', [2000, 5999])
-def test_a_thin_raw_scan_is_judged_as_a_scan(count, registrar, drive):
-    rng = np.random.default_rng(0)
+@pytest.mark.parametrize('count', [2000, 5999, 9000])
+def test_the_sparser_scan_counts_as_no_sparser_than_any_that_judges_saw(count, registrar, drive):
     scan = drive.scan(90)
-    thin = PointCloud(scan.points[rng.choice(len(scan), count, replace=False)])
-    whole, raw = registrar.view(scan), registrar.view(thin)
-    assert registrar.calibration(source=raw, target=whole) is registrar.calibrations.whole
-    scene = registrar.scene(source=raw, target=whole)
-    assert scene.points == count < SPARSEST
-    features = thinned(registrar, whole, 5000)
-    assert registrar.calibration(source=whole, target=features) is registrar.calibrations.thin
-    assert registrar.scene(source=whole, target=features).points == SWEEP
-
-
-def test_many_key_points_are_no_scan(registrar, drive):
-    cloud = PointCloud(drive.scan(90).points[:9000])
-    view = undescribed(cloud, np.eye(4), registrar.config.refine, keypoints=True)
-    assert registrar.calibration(source=view, target=view) is registrar.calibrations.thin
+    rows = np.random.default_rng(0).choice(len(scan), count, replace=False)
+    dense, sparse = registrar.view(scan), registrar.view(PointCloud(scan.points[rows]))
+    for pair in ({'source': sparse, 'target': dense}, {'source': dense, 'target': sparse}):
+        row = evidence(torch.eye(4)[None], torch.ones(1), registrar.scene(**pair), tolerance=0.3)
+        expected = math.log(max(count, SPARSEST) / SWEEP)
+        assert float(row[0, COLUMNS.index('log_points')]) == pytest.approx(expected)
 
 
 NO_CLOUDS = {

@@ -7,8 +7,8 @@ import torch
 from gcl_core.errors import GclError
 from gcl_core.estimation.confidence import (
     Calibration,
-    Calibrations,
     Judge,
+    MadeWith,
     Spread,
     Stage,
     Trust,
@@ -101,10 +101,8 @@ def test_choice_learns_what_differs_within_a_pair():
 def test_calibration_survives_a_file(tmp_path):
     judge = Judge((0.5,) * len(COLUMNS), -1.0)
     stage = Stage(judge, judge)
-    one = Calibration(
-        stage, stage, -4.0, Trust(Judge((1.0,), 0.0), Judge((2.0, 3.0), 0.0)), SPREAD
-    )
-    calibration = Calibrations(one, one)
+    trust = Trust(Judge((1.0,), 0.0), Judge((2.0, 3.0), 0.0))
+    calibration = Calibration(stage, stage, -4.0, trust, SPREAD, MadeWith('w', 's'))
     path = tmp_path / 'own.calibration.json'
     save_calibration(path, calibration, {'worlds': 3})
     assert load_calibration(path) == calibration
@@ -114,7 +112,7 @@ def test_calibration_survives_a_file(tmp_path):
         load_calibration(path)
     with pytest.raises(GclError, match=r'evaluation\.calibrate'):
         load_calibration(tmp_path / 'none.json')
-    path.write_text(json.dumps({'whole': {}}))
+    path.write_text(json.dumps({'estimated': {}}))
     with pytest.raises(GclError, match='is missing'):
         load_calibration(path)
 

@@ -135,16 +135,20 @@ def test_checkpoints_that_do_not_fit_are_refused(tmp_path, change, metadata):
     ('change', 'text'),
     [
         (
-            lambda c: c['whole']['estimated']['fit']['weight'].pop(),
-            'whole: estimated.fit weighs 9 columns of evidence, this version',
+            lambda c: c['estimated']['fit']['weight'].pop(),
+            'json: estimated.fit weighs 9 columns of evidence, this version',
         ),
-        (lambda c: c['thin']['trust']['only']['weight'].append(1.0), 'only weighs 3 columns'),
+        (lambda c: c['trust']['only']['weight'].append(1.0), 'only weighs 3 columns'),
         (
-            lambda c: c['whole']['refined']['choice'].update(bias=float('nan')),
+            lambda c: c['refined']['choice'].update(bias=float('nan')),
             'a number of refined.choice is not finite',
         ),
-        (lambda c: c['thin']['spread'].update(floor=float('inf')), 'spread is not finite'),
-        (lambda c: c['whole'].pop('trust'), "key 'trust' is missing"),
+        (lambda c: c['spread'].update(floor=float('inf')), 'spread is not finite'),
+        (lambda c: c.pop('trust'), "key 'trust' is missing"),
+        (
+            lambda c: c.update(whole=dict(c), thin=dict(c)),
+            r"keys 'whole' and 'thin' of an older version; .* gcl_core\.evaluation\.calibrate",
+        ),
     ],
 )
 def test_calibrations_that_do_not_fit_are_refused(tmp_path, change, text):
