@@ -5,11 +5,9 @@ from __future__ import annotations
 import torch
 from jaxtyping import Float, Int64
 
-from gcl_core.ops.ground import height_above_ground
 from gcl_core.types import Features
 
 CELL = 4.0  # metres; a cell of a dense near field gives as many key points as one far away
-RAISED, RAISED_SHARE = 0.5, 0.8  # metres above the ground; of the key points kept
 
 
 def spread(points: Float[torch.Tensor, 'n 3'], limit: int) -> Int64[torch.Tensor, ' k']:
@@ -39,24 +37,4 @@ def choose(features: Features, limit: int, *, spatially: bool = True) -> Feature
     else:
         generator = torch.Generator().manual_seed(0)
         rows = torch.randperm(len(features), generator=generator)[:limit]
-    return Features(features.points[rows], features.descriptors[rows])
-
-
-def selected(features: Features, limit: int) -> Features:
-    """Keep at most `limit` key points, evenly in space, most of them above the ground.
-
-    In a trial on simulated pairs more were accepted so than without the preference, or without
-    any ground; `python -m gcl_ros.bench_keypoints` measures recall on a bag.
-    """
-    if len(features) <= limit:
-        return features
-    height = height_above_ground(features.points, torch.zeros(len(features), dtype=torch.long))
-    high, low = (torch.nonzero(which).squeeze(1) for which in (height > RAISED, height <= RAISED))
-    count = min(len(high), max(round(RAISED_SHARE * limit), limit - len(low)))
-    rows = torch.cat(
-        [
-            high[spread(features.points[high], count)],
-            low[spread(features.points[low], limit - count)],
-        ]
-    )
     return Features(features.points[rows], features.descriptors[rows])
