@@ -34,7 +34,7 @@ from gcl_ros.wire import header_of, subscribe
 from gcl_ros.wiring import wires
 
 PATIENCE = 0.05  # seconds that a scan waits for odometry that is on its way
-TICK = 0.01  # seconds between looks at whether it has waited long enough
+TICK = 0.02  # seconds between looks at whether it has waited long enough
 KIND = 'sensor_msgs/msg/PointCloud2'
 MAX_AGE = 5.0  # seconds that stamps of odometry may lie behind the clock of the node
 
