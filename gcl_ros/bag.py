@@ -16,12 +16,11 @@ from gcl_core.data.sequence import Sequence, positions
 from gcl_core.errors import GclError
 from gcl_core.files import whole_folder
 from gcl_core.types import PointCloud
-from gcl_ros.bag_reader import message_types, open_bag
+from gcl_ros.bag_reader import cloud_of, message_types, open_bag
 from gcl_ros.conversions import (
     fill_point_cloud2,
     fill_transform,
     matrix,
-    point_cloud,
     seconds,
 )
 
@@ -188,8 +187,8 @@ def read_encounters(path: Path) -> Iterator[Encounter]:
             if len(waiting) == 3:
                 yield Encounter(
                     seconds(waiting[TRUTH].header.stamp),
-                    point_cloud(waiting[SOURCE]),
-                    point_cloud(waiting[TARGET]),
+                    cloud_of(waiting[SOURCE]),
+                    cloud_of(waiting[TARGET]),
                     matrix(waiting[TRUTH].transform),
                 )
                 waiting.clear()

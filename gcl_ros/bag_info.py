@@ -6,15 +6,18 @@ from collections import defaultdict
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from gcl_core import se3
 from gcl_core.data.pairs import BINS
+from gcl_core.errors import GclError
 from gcl_core.progress import progress
 from gcl_ros.bag import CLOUD, SOURCE, TARGET, TRUTH, pair_list_label
 from gcl_ros.bag_reader import open_bag
 from gcl_ros.bag_sequence import POSES
+from gcl_ros.compact_cloud import compact_header, is_compact
 from gcl_ros.conversions import matrix, seconds
 
 READ = {CLOUD, *POSES}  # types whose headers are looked at
@@ -30,7 +33,8 @@ class Topic:
         messages: how many.
         hertz: by the stamps in the headers; None where there are too few, or no headers.
         frames: frame ids of the headers.
-        points: median of its clouds; None of other messages.
+        points: median of its clouds, voxels of compact ones; None of other messages.
+        compact_bytes: mean of its compact scans; None where there are none.
     """
 
     name: str
@@ -39,6 +43,7 @@ class Topic:
     hertz: float | None
     frames: tuple[str, ...]
     points: int | None
+    compact_bytes: float | None
 
 
 @dataclass(frozen=True)
@@ -71,6 +76,7 @@ def look(path: Path) -> BagInfo:
     stamps: dict[str, list[float]] = defaultdict(list)
     frames: dict[str, set[str]] = defaultdict(set)
     points: dict[str, list[int]] = defaultdict(list)
+    sizes: dict[str, list[int]] = defaultdict(list)
     pairs = []
     with open_bag(path) as bag:
         kinds = {c.topic: c.msgtype for c in bag.connections}
@@ -84,7 +90,9 @@ def look(path: Path) -> BagInfo:
             stamps[connection.topic].append(seconds(message.header.stamp))
             frames[connection.topic].add(message.header.frame_id)
             if connection.msgtype == CLOUD:
-                points[connection.topic].append(message.width * message.height)
+                count, size = _counted(message)
+                points[connection.topic] += count
+                sizes[connection.topic] += size
             if connection.topic == TRUTH:
                 T = matrix(message.transform)
                 yaw_deg = abs(float(np.rad2deg(se3.yaw(T))))
@@ -97,6 +105,7 @@ def look(path: Path) -> BagInfo:
             _hertz(stamps[name]),
             tuple(sorted(frames[name])),
             int(np.median(points[name])) if points[name] else None,
+            float(np.mean(sizes[name])) if sizes[name] else None,
         )
         for name in sorted(kinds)
     )
@@ -117,10 +126,23 @@ def in_words(info: BagInfo) -> str:
         text = f'  {topic.name}  {topic.kind}  {topic.messages} messages'
         text += f', {topic.hertz:.1f} Hz' if topic.hertz else ''
         text += f', frame {", ".join(topic.frames)!r}' if topic.frames else ''
-        lines.append(text + (f', {topic.points:,} points' if topic.points is not None else ''))
+        if topic.compact_bytes is not None:
+            text += f', compact, {topic.compact_bytes:,.0f} bytes on average'
+        what = 'points' if topic.compact_bytes is None else 'voxels'
+        lines.append(text + (f', {topic.points:,} {what}' if topic.points is not None else ''))
     if info.pair_list is not None:
         lines += [f'  pairs: {info.pair_list}', *_distances(info.pairs)]
     return '\n'.join(lines)
+
+
+def _counted(message: Any) -> tuple[list[int], list[int]]:
+    """Points of a cloud, and bytes of a compact one; neither where that is damaged."""
+    if not is_compact(message):
+        return [message.width * message.height], []
+    try:
+        return [compact_header(message).count], [len(message.data)]
+    except GclError:
+        return [], []
 
 
 def _hertz(stamps: list[float]) -> float | None:

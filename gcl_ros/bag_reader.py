@@ -13,7 +13,10 @@ from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 
 from gcl_core.errors import GclError
+from gcl_core.types import PointCloud
 from gcl_ros.bag_remedies import SUFFIXES, reason, storage_files
+from gcl_ros.compact_cloud import compact_cloud, is_compact
+from gcl_ros.conversions import point_cloud
 
 STORE = Stores.ROS2_HUMBLE  # the messages used here are the same from Humble to Kilted
 
@@ -51,6 +54,18 @@ def deserialized(raw: Any, kind: str) -> Any:
     """
     with _refused(f'a message of type {kind}'):
         return message_types().deserialize_cdr(raw, kind)
+
+
+def cloud_of(message: Any) -> PointCloud:
+    """A cloud, raw or compact.
+
+    Args:
+        message: sensor_msgs/PointCloud2.
+
+    Raises:
+        GclError: as `point_cloud` or `compact_cloud`.
+    """
+    return compact_cloud(message) if is_compact(message) else point_cloud(message)
 
 
 class Bag:

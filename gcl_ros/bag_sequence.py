@@ -1,4 +1,4 @@
-"""A rosbag2 as a drive: PointCloud2 scans, with poses from odometry, poses or transforms."""
+"""A rosbag2 as a drive: clouds, raw or compact, with poses from odometry or transforms."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from gcl_core import se3
 from gcl_core.errors import GclError
 from gcl_core.types import PointCloud
 from gcl_ros.bag import CLOUD, ODOMETRY
-from gcl_ros.bag_reader import Bag, bag_at, open_bag
-from gcl_ros.conversions import matrix, point_cloud, pose_matrix, seconds
+from gcl_ros.bag_reader import Bag, bag_at, cloud_of, open_bag
+from gcl_ros.conversions import matrix, pose_matrix, seconds
 from gcl_ros.odometry import MAX_GAP, interpolated
 
 STATIC, TRANSFORMS = '/tf_static', 'tf2_msgs/msg/TFMessage'
@@ -101,7 +101,7 @@ class BagSequence:
             same = bag.messages(self._of(bag, self._topic), start=written, stop=written + 1)
             for number, (_, _, message) in enumerate(same):
                 if number == place:
-                    return point_cloud(message)
+                    return cloud_of(message)
         raise GclError(f'bag {self._path} has changed since it was opened')
 
     def T_world_lidar(self, index: int) -> Float[np.ndarray, '4 4']:

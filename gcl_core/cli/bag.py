@@ -1,4 +1,4 @@
-"""`gcl bag`: bags of two vehicles, from recorded drives or simulated, and what is in one."""
+"""`gcl bag`: bags of two vehicles, from recorded drives or simulated; packed; what is in one."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from gcl_core.cli.outcome import Answer
+from gcl_core.cli.pack import compact_config
 from gcl_core.data.bin_layout import told_layout
 from gcl_core.data.formats import open_sequences
 from gcl_core.data.pair_list import PairList, listed, read_pair_list
@@ -21,7 +22,19 @@ from gcl_core.to_json import to_json
 
 def run(options: argparse.Namespace) -> Answer:
     """Write the bag, or print what is in it."""
-    return Answer(_info(options) if options.kind == 'info' else _write(options))
+    work = {'info': _info, 'pack': _pack}.get(options.kind, _write)
+    return Answer(work(options))
+
+
+def _pack(options: argparse.Namespace) -> str:
+    from gcl_ros.bag_packing import in_words, pack_bag
+
+    config = compact_config(options)
+    check_new(options.out)
+    found = pack_bag(
+        options.bag, options.out, config, topics=options.topics, storage=options.storage
+    )
+    return to_json(found) if options.json else in_words(found)
 
 
 def _info(options: argparse.Namespace) -> str:
