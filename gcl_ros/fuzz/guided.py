@@ -20,7 +20,14 @@ import numpy as np
 from gcl_ros.fuzz.mutate import mutated
 
 LONGEST = 1 << 17  # bytes of an input
-INSTRUMENTED = ['gcl_core.data', 'gcl_core.config', 'gcl_core.models.zoo', 'gcl_ros', 'rosbags']
+INSTRUMENTED = [
+    'gcl_core.compact',
+    'gcl_core.data',
+    'gcl_core.config',
+    'gcl_core.models.zoo',
+    'gcl_ros',
+    'rosbags',
+]
 FRESH = 0.3  # share of inputs made from whole ones; the others from what libFuzzer has kept
 STRUCTURED = 0.7  # share of the others by `mutate`, the rest by libFuzzer
 

@@ -16,6 +16,7 @@ import torch
 import yaml
 
 from gcl_core import se3
+from gcl_core.compact.scan import CompactConfig, encode
 from gcl_core.data.clouds import write_cloud
 from gcl_core.data.pair_list import PairList, listed, write_pair_list
 from gcl_core.estimation.confidence import load_calibration
@@ -23,13 +24,12 @@ from gcl_core.models import zoo
 from gcl_core.models.resunet import ResUNetConfig
 from gcl_core.registrar import RegistrarConfig
 from gcl_core.training import checkpoint
-from gcl_core.types import Features, PointCloud
+from gcl_core.types import PointCloud
 from gcl_ros.bag import ODOMETRY, Encounter, encounter_messages, write_bag
 from gcl_ros.bag_reader import message_types
-from gcl_ros.feature_cloud import Described, fill_feature_cloud
+from gcl_ros.compact_cloud import fill_compact
 
 TINY = ResUNetConfig(encoder=(2, 2, 2, 2), decoder=(2, 2, 2), head=2, descriptor=2)
-HASH = '0123456789ab'
 POSE = '1 0 0 0.5 0 1 0 -2 0 0 1 3e-1\n'
 
 
@@ -103,18 +103,26 @@ def odometry() -> bytes:
 
 
 @cache
-def feature_message() -> bytes:
-    """A PointCloud2 of features, serialized."""
+def compact_message() -> bytes:
+    """A PointCloud2 with a compact scan, serialized."""
     types = message_types()
     encounter = Encounter(1.0, cloud(), cloud(), np.eye(4))
     message = [m for _, m in encounter_messages(types, encounter, 10**9)][1]
-    vectors = torch.nn.functional.normalize(torch.randn(40, 32), dim=1)
-    headings = [Features(torch.from_numpy(cloud().points), vectors)] * 2
-    described = Described(headings, [0.5, -2.5])
-    field = types.types['sensor_msgs/msg/PointField']
-    fill_feature_cloud(message, described, HASH, 40, field)
+    fill_compact(message, encode(cloud()), types.types['sensor_msgs/msg/PointField'])
     message.data = np.frombuffer(message.data, np.uint8)
     return bytes(types.serialize_cdr(message, message.__msgtype__))
+
+
+@cache
+def compact_scans() -> list[bytes]:
+    """Compact scans: of one voxel, with residuals, of large voxels, of small ones."""
+    kinds = (
+        (1, CompactConfig()),
+        (40, CompactConfig(residual_bits=3)),
+        (300, CompactConfig(voxel_size=2.0)),
+        (2000, CompactConfig(voxel_size=0.05)),
+    )
+    return [encode(cloud(size), config) for size, config in kinds]
 
 
 def pcd(kind: str) -> bytes:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
+from gcl_core.compact.scan import CHECKSUM, HEADER, SIZE, decode
 from gcl_core.config import load_config
 from gcl_core.data.clouds import read_cloud
 from gcl_core.data.eth import read_links
@@ -22,11 +24,11 @@ from gcl_core.training import checkpoint
 from gcl_core.training.recipe import TrainConfig
 from gcl_ros.bag import CLOUD, ODOMETRY, read_encounters
 from gcl_ros.bag_info import summary
-from gcl_ros.bag_reader import deserialized
+from gcl_ros.bag_reader import cloud_of, deserialized
 from gcl_ros.bag_sequence import BagSequence
-from gcl_ros.conversions import point_cloud, pose_matrix
+from gcl_ros.compact_cloud import is_compact
+from gcl_ros.conversions import pose_matrix
 from gcl_ros.deskew import deskewed
-from gcl_ros.feature_cloud import feature_cloud, is_feature_cloud
 from gcl_ros.fuzz import seeds
 from gcl_ros.odometry import Odometry
 
@@ -50,11 +52,15 @@ def put(path: Path, data: bytes) -> None:
 def _message(data: bytes, _: Path) -> None:
     """A cloud as it comes over the wire or lies in a bag."""
     message = deserialized(data, CLOUD)
-    if is_feature_cloud(message):
-        feature_cloud(message, seeds.HASH)
-    else:
+    if not is_compact(message):
         deskewed(message, Odometry())
-        point_cloud(message)
+    cloud_of(message)
+
+
+def _compact(data: bytes, _: Path) -> None:
+    """A compact scan, its checksum made to fit: else nothing behind it would be reached."""
+    head, body = data[: HEADER.size], data[SIZE:]
+    decode(head + CHECKSUM.pack(zlib.crc32(body, zlib.crc32(head))) + body)
 
 
 def _odometry(data: bytes, _: Path) -> None:
@@ -121,7 +127,8 @@ def _tables() -> list[bytes]:
 def targets() -> dict[str, Target]:
     """Every target by its name."""
     found: dict[str, Target] = {
-        'message': Target(lambda: [seeds.raw_message(), seeds.feature_message()], _message),
+        'message': Target(lambda: [seeds.raw_message(), seeds.compact_message()], _message),
+        'compact scan': Target(seeds.compact_scans, _compact),
         'odometry': Target(lambda: [seeds.odometry()], _odometry),
         'weights': Target(lambda: [seeds.weights()], _weights),
         'weights record': Target(lambda: [b'{"sha256": "0"}'], _record),
@@ -153,6 +160,7 @@ def _files() -> list[tuple[str, Callable[[Path], object], Callable[[], list[byte
         ('c.ply', read_cloud, plys),
         ('c.bin', read_cloud, lambda: [seeds.bin_file(), seeds.bin_of_columns()]),
         ('c.npy', read_cloud, lambda: [seeds.npy()]),
+        ('c.gcl', read_cloud, seeds.compact_scans),
         ('registrar.yaml', partial(load_config, RegistrarConfig), lambda: [seeds.config()]),
         ('train.yaml', partial(load_config, TrainConfig), lambda: [b'seed: 1\nsteps: 10\n']),
         ('checkpoint.safetensors', _checkpoint, steps),
