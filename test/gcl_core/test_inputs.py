@@ -19,6 +19,7 @@ from gcl_core.data.formats import open_sequence
 from gcl_core.errors import GclError
 from gcl_core.types import PointCloud
 from gcl_ros.bag_info import look
+from gcl_ros.bag_packing import pack_bag
 from gcl_ros.fuzz import seeds
 
 N = 5000
@@ -379,8 +380,29 @@ def two_files(path):
     return without_metadata(path)
 
 
+def packed_bag(path):
+    """The same with compact scans; one voxel for each point, so small are they."""
+    pack_bag(path, path.parent / 'packed', CompactConfig(voxel_size=0.01))
+    return path.parent / 'packed'
+
+
+def damaged_scans(path):
+    """A packed bag in whose compact scans a bit is wrong, each in its own message."""
+    file = its_file(packed_bag(path))
+    data = file.read_bytes()
+    places = [m.end() + 40 for m in re.finditer(rb'GCLS\x01', data)]
+    assert len(places) == 4
+    for place in places:
+        data = data[:place] + bytes([data[place] ^ 1]) + data[place + 1 :]
+    file.write_bytes(data)
+    return file.parent
+
+
 BAGS = [
     ('folder', lambda path: path, ''),
+    ('packed', packed_bag, ''),
+    ('packed, file alone', lambda path: alone(packed_bag(path)), ''),
+    ('packed, cut off', lambda path: cut(packed_bag(path)), 'cut off or damaged'),
     ('file in its folder', its_file, ''),
     ('file alone', alone, ''),
     ('folder without metadata.yaml', without_metadata, ''),
@@ -423,3 +445,14 @@ def test_a_bag_is_opened_alike_by_info_and_inspect(make, words, storage, tmp_pat
         with pytest.raises(GclError, match=words) as refused:
             opened(path)
         assert 'please report' not in str(refused.value)
+
+
+def test_a_damaged_compact_scan_costs_itself_alone(tmp_path):
+    """A bag is opened and told about; the scan whose bytes are wrong is refused by its frame."""
+    path = damaged_scans(bag(tmp_path, 'sqlite3'))
+    assert look(path).messages == 6
+    drive = open_sequence(path, '/source/points')
+    assert len(drive) == 2
+    for index in range(2):
+        with pytest.raises(GclError, match=r"'source/lidar' is damaged: .*copy it again"):
+            drive.scan(index)
