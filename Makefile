@@ -5,7 +5,7 @@ JAZZY := .venv-jazzy
 BIN := $(VENV)/bin
 
 .PHONY: install browser demo test test-aarch64 test-jazzy test-lowest lint type bench bench-engine \
-	bench-registration bench-age bench-compact bench-fuzz \
+	bench-registration bench-age bench-compact bench-link bench-fuzz \
 	bench-trust soak audit docs clean
 
 install: $(VENV)/installed
@@ -85,6 +85,10 @@ bench-compact: install
 # Likewise; MINUTES=30 for the memory of a long run.
 bench-age: install
 	$(BIN)/python -m gcl_ros.bench_age --out build/age --minutes $(or $(MINUTES),1)
+
+# Likewise, as root and with iproute2: real DDS over an emulated radio channel.
+bench-link: install
+	$(BIN)/python -m gcl_ros.bench_link --out bench/link.json
 
 # 100,000 hostile inputs, shared among all readers; under a quarter of an hour.  atheris, which looks for inputs that
 # reach new code, goes to a folder of its own; where it has no wheel, inputs are broken blindly.

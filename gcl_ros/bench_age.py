@@ -104,7 +104,16 @@ def watch(watcher: Watcher, pid: int, duration: float, period: float) -> None:
         rclpy.spin_once(watcher, timeout_sec=0.1)
 
 
-def measure(folder: Path, minutes: float, rate: float, offset: float, settings: list[str]) -> dict:
+def measure(
+    folder: Path,
+    minutes: float,
+    rate: float,
+    offset: float,
+    settings: list[str],
+    *,
+    compact: bool = False,
+    source_in: str = '',
+) -> dict[str, Any]:
     """Run everything; return what `summary` makes of it.
 
     Args:
@@ -113,9 +122,13 @@ def measure(folder: Path, minutes: float, rate: float, offset: float, settings: 
         rate: Hz.
         offset: seconds by which the target's stamps are later than the source's.
         settings: `NAME:=VALUE` for the node.
+        compact: the source sends compact scans.
+        source_in: network namespace of the source; the environment must let it be found there.
     """
     make(folder)
-    keep_local()
+    if not source_in:
+        keep_local()
+    elsewhere = {'source': ['ip', 'netns', 'exec', source_in] if source_in else []}
     namespace = f'bench_{os.getpid()}'
     ros = ['--ros-args', '-r', f'__ns:=/{namespace}']
     parameters = [part for setting in settings for part in ('-p', setting)]
@@ -129,7 +142,11 @@ def measure(folder: Path, minutes: float, rate: float, offset: float, settings: 
         for side in SIDES:
             first = begin + (offset if side == 'target' else 0.0)
             arguments = [side, str(folder), '--begin', repr(first), '--rate', str(rate), *ros]
-            running.enter_context(process('bench_stream', arguments, folder, name=side))
+            if compact and side == 'source':
+                arguments.insert(2, '--compact')
+            before = elsewhere.get(side, [])
+            stream = process('bench_stream', arguments, folder, name=side, before=before)
+            running.enter_context(stream)
         _first(watcher)
         watch(watcher, node.pid, 60 * minutes, period)
         watcher.destroy_node()
@@ -212,10 +229,14 @@ def main() -> None:
     parser.add_argument(
         '--set', action='append', default=[], metavar='NAME:=VALUE', help='parameter of the node'
     )
+    parser.add_argument('--compact', action='store_true', help='compact scans from the source')
+    parser.add_argument('--source-in', default='', help='network namespace, see `bench_link`')
     o = parser.parse_args()
     settings = {'minutes': o.minutes, 'rate': o.rate, 'offset': o.offset, 'parameters': o.set}
+    settings['compact'] = o.compact
     with bad_input_exits('bench_age'):
-        figures = measure(o.out, o.minutes, o.rate, o.offset, o.set)
+        where = {'compact': o.compact, 'source_in': o.source_in}
+        figures = measure(o.out, o.minutes, o.rate, o.offset, o.set, **where)
     result = {'settings': settings, 'cores': os.cpu_count(), **figures}
     (o.out / 'age.json').write_text(json.dumps(result, indent=1) + '\n')
     result['resident_mb'].pop('over_time')

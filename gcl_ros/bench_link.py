@@ -1,216 +1,258 @@
-"""`python -m gcl_ros.bench_link`: how long clouds take over a slow link, raw and described.
+"""`make bench-link`: what arrives of scans over a radio channel, raw and compact, and how old.
 
-Makes two network namespaces with a link of 27 Mbit/s between them (the top rate of 802.11p), a
-publisher in one and a subscriber in the other: real DDS over real sockets. Needs root, `ip` and
-`tc` (Debian's iproute2), and removes what it made. What a real radio loses is not emulated.
+Real DDS over UDP between network namespaces on one emulated medium, see `gcl_ros.bench_channel`:
+
+1. A raw scan of 120,000 points and a compact one of 10 kB over 27 (the top rate of 802.11p), 6
+   and 3 Mbit/s. A raw one has twice the time that the rate alone takes, so that scans do not
+   wait for each other.
+2. 2, 5 and 10 vehicles that send compact scans at 10 Hz, each when its sensor turns, on one
+   channel to one that takes all.
+3. The age of transforms where the source's compact scans come over 6 Mbit/s, and where all is on
+   one machine, see `gcl_ros.bench_age`.
+
+Scans are sent and taken as the nodes do it, with a history of one message. Needs root and `ip`
+(iproute2), and removes what it made. Nothing else should run.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import os
-import shutil
+import select
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-import rclpy
-import torch
-from rclpy.executors import ExternalShutdownException
-from rclpy.node import Node
-from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.serialization import serialize_message
 from sensor_msgs.msg import PointCloud2, PointField
 
 from gcl_core.errors import GclError, bad_input_exits
-from gcl_core.types import Features
-from gcl_ros.conversions import fill_point_cloud2, seconds
-from gcl_ros.feature_cloud import Described, fill_feature_cloud
-from gcl_ros.playback import wait_for_subscribers
-from gcl_ros.startup import running_ros
-from gcl_ros.transport import PROFILE_KEYS
+from gcl_core.files import write_text
+from gcl_core.provenance import provenance_for
+from gcl_core.to_json import to_json
+from gcl_ros.bench_channel import Channel, Conditions
+from gcl_ros.bench_end import READY
+from gcl_ros.bench_link_age import ages, environment
+from gcl_ros.compact_cloud import fill_compact
+from gcl_ros.conversions import fill_point_cloud2
 
 POINTS = 120_000
-KEYPOINTS = (250, 1000, 5000)
-TOPIC = '/points'
-QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-LAST = 3.0  # seconds for the last message
+COMPACT = 10_000  # bytes; the median of a real HDL-64E scan is a little less
+PERIOD = 0.1  # seconds between scans of a sensor
+PATIENCE = 120.0  # seconds for all to find each other over a bad channel, on a busy machine
+SETTLE = 2.0  # seconds after that
+LAST = 5.0  # seconds for the last messages
 
 
-@contextmanager
-def slow_link(mbit: float) -> Iterator[tuple[str, str]]:
-    """Two network namespaces with a link of this rate in both directions; yields their names.
+@dataclass(frozen=True)
+class Case:
+    """What is sent.
 
-    Raises:
-        GclError: not root, or `ip` and `tc` are missing.
+    Attributes:
+        scans: `raw` or `compact`.
+        vehicles: that send, each from a station of its own to one more that takes all.
+        reliable: whether what is lost is sent again.
+        air: conditions of the channel.
+        number: scans of each vehicle.
     """
-    if os.geteuid() != 0 or not (shutil.which('ip') and shutil.which('tc')):
-        raise GclError('an emulated link needs root and the programs ip and tc (iproute2)')
-    names = (f'gcl_{os.getpid()}_a', f'gcl_{os.getpid()}_b')
-    for name in names:
-        _do('ip', 'netns', 'add', name)
-    try:
-        ends = f'gcl0 netns {names[0]} type veth peer name gcl0 netns {names[1]}'
-        _do('ip', 'link', 'add', *ends.split())
-        for number, name in enumerate(names, start=1):
-            inside = ['ip', 'netns', 'exec', name]
-            _do(*inside, 'ip', 'address', 'add', f'10.77.0.{number}/24', 'dev', 'gcl0')
-            for device in ('lo', 'gcl0'):
-                _do(*inside, 'ip', 'link', 'set', device, 'up')
-            bucket = ['tbf', 'rate', f'{mbit}mbit', 'burst', '4kb', 'limit', '16mb']
-            _do(*inside, 'tc', 'qdisc', 'add', 'dev', 'gcl0', 'root', *bucket)
-        yield names
-    finally:
-        for name in names:
-            _do('ip', 'netns', 'delete', name)
 
+    scans: str
+    vehicles: int
+    reliable: bool
+    air: Conditions
+    number: int
 
-def _do(*command: str) -> None:
-    done = subprocess.run(command, capture_output=True, text=True)
-    if done.returncode:
-        raise GclError(f'{" ".join(command)}: {done.stderr.strip()}')
+    @property
+    def size(self) -> int:
+        """Bytes of a scan."""
+        return 16 * POINTS if self.scans == 'raw' else COMPACT
 
-
-def clouds() -> dict[str, PointCloud2]:
-    """What is sent, by name: a raw cloud of 16 bytes a point, and features."""
-    rng = np.random.default_rng(0)
-    raw = fill_point_cloud2(PointCloud2(), np.zeros((POINTS, 4), np.float32), PointField)
-    raw.point_step, raw.row_step = 16, 16 * POINTS
-    found = {'raw': raw}
-    for count in KEYPOINTS:
-        points = torch.from_numpy(rng.uniform(-50, 50, (count, 3)).astype(np.float32))
-        descriptors = torch.nn.functional.normalize(torch.randn(count, 32), dim=1)
-        features = Described([Features(points, descriptors)], [0.0])
-        message = fill_feature_cloud(PointCloud2(), features, 'bench', count, PointField)
-        found[f'{count} key points'] = message
-    return found
-
-
-def send(number: int, out: Path) -> None:
-    """Publish each cloud so many times; write how long `publish` blocked, in seconds."""
-    node = Node('sender')
-    publisher = node.create_publisher(PointCloud2, TOPIC, QOS)
-    wait_for_subscribers([publisher], node)
-    blocked: dict[str, list[float]] = {}
-    for name, message in clouds().items():
-        message.header.frame_id = name
-        for _ in range(number):
-            began = time.time()
-            message.header.stamp.sec, message.header.stamp.nanosec = divmod(
-                int(began * 1e9), 10**9
-            )
-            publisher.publish(message)
-            blocked.setdefault(name, []).append(time.time() - began)
-            time.sleep(1.0 if name == 'raw' else 0.2)
-    out.write_text(json.dumps(blocked))
-
-
-def receive(out: Path) -> None:
-    """Write how long each cloud took, in seconds, whenever one comes, until ended."""
-    node, took = Node('receiver'), {}
-
-    def heard(message: PointCloud2) -> None:
-        age = time.time() - seconds(message.header.stamp)
-        took.setdefault(message.header.frame_id, []).append(age)
-        out.write_text(json.dumps(took))
-
-    node.create_subscription(PointCloud2, TOPIC, heard, QOS)
-    rclpy.spin(node)
+    @property
+    def period(self) -> float:
+        """Seconds from one scan to the next."""
+        return max(PERIOD, 2 * 8e-6 * self.size / self.air.mbit if self.scans == 'raw' else 0.0)
 
 
 @dataclass(frozen=True)
 class Row:
-    """One kind of cloud over the link.
+    """What came of it; times are nan where nothing arrived.
 
     Attributes:
-        name: of the kind.
-        bytes: of its data.
-        received: of those sent, as `20/20`.
+        received: scans that arrived, of `sent`.
         median_ms: from publication to reception.
         p95_ms: likewise.
-        blocked_ms: median time that `publish` takes.
+        late_ms: by which 95 % of the frames were passed on too late at most: the error of times.
     """
 
-    name: str
-    bytes: int
-    received: str
+    case: Case
+    sent: int
+    received: int
     median_ms: float
     p95_ms: float
-    blocked_ms: float
+    late_ms: float
 
 
-def measure(out: Path, mbit: float, number: int) -> list[Row]:
-    """Send every kind of cloud over the link."""
-    out.mkdir(parents=True, exist_ok=True)
-    received, blocked = out / 'received.json', out / 'blocked.json'
-    environment = {**os.environ, 'FASTDDS_BUILTIN_TRANSPORTS': 'UDPv4'}
-    environment |= {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET'}
-    for key in PROFILE_KEYS:
-        environment.pop(key, None)
-    with slow_link(mbit) as names:
-
-        def end(where: str, *role: str) -> subprocess.Popen[bytes]:
-            command = [sys.executable, '-m', 'gcl_ros.bench_link', *role]
-            return subprocess.Popen(['ip', 'netns', 'exec', where, *command], env=environment)
-
-        receiver = end(names[1], '--receive', str(received))
-        try:
-            sender = end(names[0], '--send', str(blocked), '--number', str(number))
-            if sender.wait() != 0:
-                raise GclError('the sender failed; see what it said')
-            time.sleep(LAST)
-        finally:
-            receiver.terminate()
-            receiver.wait(timeout=30)
-    return rows(json.loads(received.read_text()), json.loads(blocked.read_text()))
+def message(scans: str) -> bytes:
+    """A scan as it is published, serialized."""
+    if scans == 'compact':
+        content = np.random.default_rng(0).bytes(COMPACT)
+        return bytes(serialize_message(fill_compact(PointCloud2(), content, PointField)))
+    raw = fill_point_cloud2(PointCloud2(), np.zeros((POINTS, 4), np.float32), PointField)
+    raw.point_step, raw.row_step = 16, 16 * POINTS
+    return bytes(serialize_message(raw))
 
 
-def rows(took: dict[str, list[float]], blocked: dict[str, list[float]]) -> list[Row]:
-    """The table, from seconds by name."""
-    sizes = {name: len(message.data) for name, message in clouds().items()}
-    found = []
-    for name, waits in blocked.items():
-        ms = 1e3 * np.array(took.get(name, [np.nan]))
-        count = f'{len(took.get(name, []))}/{len(waits)}'
-        figures = [np.median(ms), np.percentile(ms, 95), 1e3 * np.median(waits)]
-        found.append(Row(name, sizes[name], count, *(round(float(f), 1) for f in figures)))
-    return found
+def measure(case: Case, folder: Path) -> Row:
+    """Send what a case says.
+
+    Args:
+        case: what.
+        folder: for the message and what is received.
+
+    Raises:
+        GclError: no channel can be made here, or an end failed.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    heard, sent = folder / 'received.txt', folder / f'{case.scans}.msg'
+    heard.write_text('')
+    sent.write_bytes(message(case.scans))
+    topics = [f'/vehicle{number}/points' for number in range(case.vehicles)]
+    kind = ['--reliable'] if case.reliable else []
+    timing = ['--period', str(case.period), '--number', str(case.number)]
+    with Channel(case.vehicles + 1, case.air) as channel, ExitStack() as running:
+
+        def end(station: int, *arguments: str, **pipes: Any) -> subprocess.Popen[str]:
+            command = [sys.executable, '-m', 'gcl_ros.bench_end', *arguments, *kind]
+            started = channel.start(station, command, env=environment(), text=True, **pipes)
+            running.callback(_end, started)
+            return started
+
+        end(case.vehicles, str(heard), *topics)
+        pipes = {'stdin': subprocess.PIPE, 'stdout': subprocess.PIPE}
+        phases = np.random.default_rng(0).uniform(0, case.period, case.vehicles)
+        senders = [
+            end(number, str(sent), topic, *timing, '--after', f'{phases[number]:.3f}', **pipes)
+            for number, topic in enumerate(topics)
+        ]
+        _wait_for(senders)
+        time.sleep(SETTLE)
+        for sender in senders:
+            print(file=sender.stdin, flush=True)
+        time.sleep(case.number * case.period + LAST)
+    found = [float(line.split()[1]) for line in heard.read_text().splitlines()]
+    return row(case, found, channel.late)
 
 
-def table(found: list[Row]) -> str:
+def _wait_for(senders: Sequence[subprocess.Popen[str]]) -> None:
+    """Wait until every sender has its listener."""
+    until = time.monotonic() + PATIENCE
+    for sender in senders:
+        assert sender.stdout is not None
+        ready, _, _ = select.select([sender.stdout], [], [], max(0.0, until - time.monotonic()))
+        if not ready or sender.stdout.readline().strip() != READY:
+            raise GclError(f'a sender found no listener within {PATIENCE:.0f} s; see what it said')
+
+
+def _end(process: subprocess.Popen[str]) -> None:
+    for pipe in (process.stdin, process.stdout):
+        if pipe is not None:
+            pipe.close()  # for which a sender waits
+    process.terminate()
+    process.wait(timeout=30)
+
+
+def row(case: Case, ages_: Sequence[float], late: Sequence[float]) -> Row:
+    """From seconds."""
+    ms = 1e3 * np.array(ages_ or [np.nan])
+    figures = [np.median(ms), np.percentile(ms, 95), 1e3 * np.percentile(late or [0.0], 95)]
+    rounded = [round(float(figure), 1) for figure in figures]
+    return Row(case, case.vehicles * case.number, len(ages_), *rounded)
+
+
+def cases(o: argparse.Namespace) -> list[Case]:
+    """All that is sent, from the command line."""
+    alone = [
+        Case(scans, 1, reliable, Conditions(mbit, loss, o.delay), number)
+        for mbit in o.mbit
+        for loss in sorted({0.0, o.loss})
+        for scans, number in (('raw', o.raw), ('compact', o.number))
+        for reliable in (False, True)
+    ]
+    together = [
+        Case('compact', vehicles, reliable, Conditions(o.channel, loss, o.delay), o.number)
+        for vehicles in o.vehicles
+        for loss in sorted({0.0, o.loss})
+        for reliable in (False, True)
+    ]
+    return [case for case in (*alone, *together) if case.number]
+
+
+def table(found: Sequence[Row]) -> str:
     """As Markdown."""
-    lines = ['| cloud | bytes | received | median, ms | p95, ms | publish blocks, ms |']
-    lines.append('|---|---|---|---|---|---|')
+    lines = [
+        '| Mbit/s | lost, % | vehicles | scans | reliable | received | median, ms | p95, ms |'
+    ]
+    lines.append('|---|---|---|---|---|---|---|---|')
     for r in found:
-        figures = f'{r.median_ms} | {r.p95_ms} | {r.blocked_ms}'
-        lines.append(f'| {r.name} | {r.bytes:,} | {r.received} | {figures} |')
+        c = r.case
+        where = f'{c.air.mbit:g} | {100 * c.air.loss:g} | {c.vehicles}'
+        what = f'{c.scans} | {"yes" if c.reliable else "no"}'
+        lines.append(f'| {where} | {what} | {r.received}/{r.sent} | {r.median_ms} | {r.p95_ms} |')
     return '\n'.join(lines)
 
 
+def parser() -> argparse.ArgumentParser:
+    """Of the command line."""
+    made = argparse.ArgumentParser(prog='bench_link', description=__doc__)
+    made.add_argument('--out', type=Path, default=Path('build/link/link.json'))
+    made.add_argument('--folder', type=Path, default=Path('build/link'), help='for logs')
+    made.add_argument('--mbit', type=float, nargs='*', default=[27.0, 6.0, 3.0])
+    made.add_argument('--vehicles', type=int, nargs='*', default=[2, 5, 10])
+    made.add_argument('--channel', type=float, default=10.0, help='Mbit/s that they share')
+    made.add_argument('--loss', type=float, default=0.05, help='share of frames, beside none')
+    made.add_argument('--delay', type=float, default=0.02, help='seconds')
+    made.add_argument('--number', type=int, default=100, help='compact scans of each; 0: none')
+    made.add_argument('--raw', type=int, default=5, help='raw scans; 0: none')
+    made.add_argument('--age', type=float, default=6.0, help='Mbit/s for transforms; 0: none')
+    made.add_argument('--minutes', type=float, default=1.0, help='of transforms')
+    return made
+
+
 def main() -> None:
-    """Parse the command line, measure, print the table and write it as JSON."""
-    parser = argparse.ArgumentParser(prog='bench_link', description=__doc__)
-    parser.add_argument('--out', type=Path, default=Path('build/link'), help='for JSON')
-    parser.add_argument('--mbit', type=float, default=27.0, help='rate of the link, Mbit/s')
-    parser.add_argument('--number', type=int, default=20, help='clouds of each kind')
-    parser.add_argument('--send', type=Path, help=argparse.SUPPRESS)
-    parser.add_argument('--receive', type=Path, help=argparse.SUPPRESS)
-    o = parser.parse_args()
-    ended = suppress(KeyboardInterrupt, ExternalShutdownException)
-    with ended, bad_input_exits('bench_link'):
-        if o.send or o.receive:
-            with running_ros():
-                send(o.number, o.send) if o.send else receive(o.receive)
-            return
-        found = measure(o.out, o.mbit, o.number)
-        result = {'mbit_per_s': o.mbit, 'rows': [vars(row) for row in found]}
-        (o.out / 'link.json').write_text(json.dumps(result, indent=1) + '\n')
+    """Measure, print the tables and write them as JSON."""
+    o = parser().parse_args()
+    with bad_input_exits('bench_link'):
+        here = provenance_for(o.out)
+        found = []
+        for case in cases(o):
+            found.append(measure(case, o.folder))
+            print(table(found[-1:]).splitlines()[-1], file=sys.stderr)
+        result: dict[str, Any] = {**here, 'rows': [flat(r) for r in found]}
+        if o.age:
+            air = Conditions(o.age, o.loss, o.delay)
+            result['transforms'] = ages(air, o.minutes, o.folder / 'age')
+        write_text(o.out, to_json(result, indent=1) + '\n')
         print(table(found))
+        print(json.dumps(result.get('transforms', {}), indent=1))
+
+
+def flat(found: Row) -> dict[str, Any]:
+    """One row as the JSON has it."""
+    case, air = asdict(found.case), asdict(found.case.air)
+    kept = {
+        **case,
+        **air,
+        'bytes': found.case.size,
+        'period_s': found.case.period,
+        **asdict(found),
+    }
+    return {key: value for key, value in kept.items() if key not in ('case', 'air')}
 
 
 if __name__ == '__main__':

@@ -21,7 +21,10 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import PointCloud2, PointField
 
 from gcl_core import se3
+from gcl_core.compact.scan import encode
 from gcl_core.data.simulator.sequence import SimulatedSequence
+from gcl_core.types import PointCloud
+from gcl_ros.compact_cloud import fill_compact
 from gcl_ros.conversions import fill_point_cloud2
 from gcl_ros.pairing import SIDES, Side
 from gcl_ros.program import own_arguments
@@ -61,11 +64,16 @@ def there_and_back(number: int, steps: int) -> int:
     return place if place < steps else 2 * steps - 2 - place
 
 
-def messages(folder: Path, side: Side) -> list[PointCloud2]:
-    """A cloud for each step: x, y, z and intensity, 16 bytes a point."""
+def messages(folder: Path, side: Side, *, compact: bool = False) -> list[PointCloud2]:
+    """A cloud for each step: x, y, z and intensity, 16 bytes a point, or a compact scan."""
     made = []
     with np.load(folder / f'{side}.npz', allow_pickle=False) as clouds:
         for name in sorted(clouds):
+            if compact:
+                data = encode(PointCloud(clouds[name]))
+                made.append(fill_compact(PointCloud2(), data, PointField))
+                made[-1].header.frame_id = f'{side}_lidar'
+                continue
             points = np.column_stack([clouds[name], np.zeros(len(clouds[name]), np.float32)])
             message = fill_point_cloud2(PointCloud2(), points[:, :3], PointField)
             message.fields.append(PointField(name='intensity', offset=12, datatype=7, count=1))
@@ -108,6 +116,7 @@ def main() -> None:
     parser.add_argument('folder', type=Path, help='with the scans')
     parser.add_argument('--begin', type=float, required=True, help='first stamp, system seconds')
     parser.add_argument('--rate', type=float, default=10.0, help='Hz')
+    parser.add_argument('--compact', action='store_true', help='as the node `sender` sends them')
     o = parser.parse_args(own_arguments(sys.argv[1:]))
     stop = threading.Event()
     for signal_number in (signal.SIGINT, signal.SIGTERM):
@@ -116,7 +125,7 @@ def main() -> None:
     with running_ros(own_handlers=True):
         node = Node(f'{o.side}_driver')
         publisher = node.create_publisher(PointCloud2, f'{o.side}/points', qos)
-        stream(publisher, messages(o.folder, o.side), o.begin, o.rate, stop)
+        stream(publisher, messages(o.folder, o.side, compact=o.compact), o.begin, o.rate, stop)
         node.destroy_node()
 
 

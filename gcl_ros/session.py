@@ -81,11 +81,19 @@ class Listener(Node):
 
 @contextmanager
 def process(
-    module: str, arguments: Sequence[str], folder: Path, *, name: str = ''
+    module: str,
+    arguments: Sequence[str],
+    folder: Path,
+    *,
+    name: str = '',
+    before: Sequence[str] = (),
 ) -> Iterator[subprocess.Popen[Any]]:
-    """Run a module of this package; its output goes to `folder/name.log`, by default its own."""
+    """Run a module of this package, `before` leading its command line.
+
+    Its output goes to `folder/name.log`, by default its own name.
+    """
     with (folder / f'{name or module}.log').open('w') as log:
-        command = [sys.executable, '-m', f'gcl_ros.{module}', *arguments]
+        command = [*before, sys.executable, '-m', f'gcl_ros.{module}', *arguments]
         running = subprocess.Popen(command, stdout=log, stderr=log)
         try:
             yield running

@@ -175,7 +175,8 @@ def test_a_dirty_tree_may_not_write_results_into_the_repository(repository, tmp_
         'gcl_core.bench.' + name
         for name in ('engine', 'registration', 'backbones', 'results', 'compact')
     ]
-    + ['gcl_core.evaluation.false_accepts', 'gcl_ros.fuzz.__main__', 'gcl_ros.soak.__main__'],
+    + ['gcl_core.evaluation.false_accepts', 'gcl_ros.bench_link']
+    + ['gcl_ros.fuzz.__main__', 'gcl_ros.soak.__main__'],
 )
 def test_every_benchmark_asks_before_it_measures(module, repository, monkeypatch):
     """Whatever it would measure, a dirty tree ends it at once."""
