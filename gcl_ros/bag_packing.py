@@ -15,11 +15,15 @@ from gcl_core.compact.scan import CompactConfig, encode
 from gcl_core.errors import GclError
 from gcl_core.files import whole_folder
 from gcl_core.progress import progress
+from gcl_core.types import PointCloud
 from gcl_ros.bag import CLOUD, VERSION
 from gcl_ros.bag_reader import Bag, bag_at, deserialized, message_types, open_bag
+from gcl_ros.bag_sequence import BagSequence
 from gcl_ros.compact_cloud import fill_compact, is_compact
-from gcl_ros.conversions import point_cloud
-from gcl_ros.point_times import TIMES
+from gcl_ros.conversions import point_cloud, seconds
+from gcl_ros.deskew import deskewed
+from gcl_ros.odometry import Odometry
+from gcl_ros.point_times import LONGEST, TIMES
 
 UNKNOWN_HASH = f'RIHS01_{"0" * 64}'  # of a type that neither the bag nor rosbags knows
 
@@ -35,7 +39,9 @@ class PackedTopic:
         after: bytes of their compact scans.
         left: clouds that stayed as they were.
         why: the first of these did.
-        timed: whether points told when they were seen, which a compact scan does not.
+        timed: clouds whose points told when they were seen, which compact scans do not.
+        straightened: of these, de-skewed first.
+        bent: why the first of the others was not.
     """
 
     name: str
@@ -44,7 +50,9 @@ class PackedTopic:
     after: int = 0
     left: int = 0
     why: str = ''
-    timed: bool = False
+    timed: int = 0
+    straightened: int = 0
+    bent: str = ''
 
 
 @dataclass
@@ -66,12 +74,70 @@ class PackedBag:
     topics: list[PackedTopic] = field(default_factory=list)
 
 
+class Packer:
+    """Packs the clouds of a topic.
+
+    Args:
+        path: of the bag.
+        name: of the topic.
+        config: how much of a cloud is kept.
+        odometry: topic of poses to de-skew by, if any.
+
+    Raises:
+        GclError: the bag has no such poses, or none of the clouds' frame.
+    """
+
+    def __init__(self, path: Path, name: str, config: CompactConfig, odometry: str | None) -> None:
+        self.topic, self._config = PackedTopic(name), config
+        self._odometry, self._coming = None, iter(())
+        if odometry:
+            self._odometry = Odometry()
+            self._coming = BagSequence(path, topic=name, pose_topic=odometry).track()
+        self._next = next(self._coming, None)
+
+    def packed(self, raw: bytes) -> bytes:
+        """A cloud as a compact scan; as it is where it is one, or none can be made of it."""
+        topic, types = self.topic, message_types()
+        try:
+            message = deserialized(raw, CLOUD)
+            if is_compact(message):
+                raise GclError('it is compact already')
+            data = encode(self._cloud(message), self._config)
+        except GclError as error:
+            topic.left, topic.why = topic.left + 1, topic.why or str(error)
+            return raw
+        topic.packed += 1
+        topic.before += len(message.data)
+        topic.after += len(data)
+        fill_compact(message, data, types.types['sensor_msgs/msg/PointField'])
+        message.data = np.frombuffer(message.data, np.uint8)
+        return bytes(types.serialize_cdr(message, CLOUD))
+
+    def _cloud(self, message: Any) -> PointCloud:
+        """De-skewed where that is asked for and can be."""
+        cloud, topic = point_cloud(message), self.topic
+        if not any(field.name in TIMES for field in message.fields):
+            return cloud
+        topic.timed += 1
+        if self._odometry is None:
+            topic.bent = 'name a topic of poses, --odometry'
+            return cloud
+        while self._next and self._next[0] < seconds(message.header.stamp) + LONGEST:
+            self._odometry.add(*self._next)
+            self._next = next(self._coming, None)
+        swept = deskewed(message, self._odometry)
+        topic.straightened += swept.cloud is not None
+        topic.bent = topic.bent or swept.why
+        return swept.cloud or cloud
+
+
 def pack_bag(
     path: Path,
     out: Path,
     config: CompactConfig,
     *,
     topics: Collection[str] = (),
+    odometry: str | None = None,
     storage: Literal['mcap', 'sqlite3'] = 'mcap',
 ) -> PackedBag:
     """Write a bag anew with compact scans for its clouds, in the same order, under the same names.
@@ -84,6 +150,7 @@ def pack_bag(
         out: folder to write.
         config: how much of a cloud is kept.
         topics: of clouds to pack; all if none.
+        odometry: topic of poses, by which clouds are de-skewed whose points tell their times.
         storage: of what is written.
 
     Raises:
@@ -93,12 +160,13 @@ def pack_bag(
     found = PackedBag(out)
     with whole_folder(out) as part:
         with open_bag(path) as bag:
-            packed = {name: PackedTopic(name) for name in _chosen(bag, path, topics)}
-            found.messages = _write(bag, part, packed, config, storage)
-        found.topics = list(packed.values())
+            chosen = _chosen(bag, path, topics)
+            packers = {name: Packer(path, name, config, odometry) for name in chosen}
+            found.messages = _write(bag, part, packers, storage)
+        found.topics = [packer.topic for packer in packers.values()]
         if not any(topic.packed for topic in found.topics):
             why = next((topic.why for topic in found.topics if topic.why), 'no cloud came')
-            raise GclError(f'bag {path}: no cloud of {", ".join(packed)} was packed: {why}')
+            raise GclError(f'bag {path}: no cloud of {", ".join(chosen)} was packed: {why}')
         found.before, found.after = _bytes(bag_at(path)), _bytes(part)
     return found
 
@@ -117,10 +185,12 @@ def in_words(found: PackedBag) -> str:
         if topic.left:
             text += f'; {topic.left} stay as they were: {topic.why}'
         lines.append(text)
-        if topic.timed:
+        if topic.straightened:
+            lines.append(f'    {topic.straightened} of them de-skewed first')
+        if topic.timed > topic.straightened:
             lines.append(
-                '    its points told when they were seen, a compact scan does not: it can no '
-                'longer be de-skewed'
+                f'    {topic.timed - topic.straightened} of them can no longer be de-skewed, as '
+                f'the times of their points are gone: {topic.bent}'
             )
     return '\n'.join(lines)
 
@@ -136,9 +206,7 @@ def _chosen(bag: Bag, path: Path, wanted: Collection[str]) -> list[str]:
     return sorted(set(wanted)) or clouds
 
 
-def _write(
-    bag: Bag, part: Path, packed: dict[str, PackedTopic], config: CompactConfig, storage: str
-) -> int:
+def _write(bag: Bag, part: Path, packers: dict[str, Packer], storage: str) -> int:
     """Copy every message, clouds packed; returns how many."""
     plugin = StoragePlugin.MCAP if storage == 'mcap' else StoragePlugin.SQLITE3
     count = 0
@@ -151,8 +219,8 @@ def _write(
                 copies[_key(c)] = _copied(writer, c)
         messages = progress(bag.raw(), total=bag.message_count, unit='message')
         for connection, written, raw in messages:
-            topic = packed.get(connection.topic) if connection.msgtype == CLOUD else None
-            data = bytes(raw) if topic is None else _packed(bytes(raw), topic, config)
+            packer = packers.get(connection.topic) if connection.msgtype == CLOUD else None
+            data = packer.packed(bytes(raw)) if packer else bytes(raw)
             writer.write(copies[_key(connection)], written, data)
             count += 1
     return count
@@ -177,26 +245,6 @@ def _copied(writer: Writer, c: Connection) -> Connection:
         serialization_format=c.ext.serialization_format,
         offered_qos_profiles=c.ext.offered_qos_profiles,
     )
-
-
-def _packed(raw: bytes, topic: PackedTopic, config: CompactConfig) -> bytes:
-    """A cloud as a compact scan; as it is where it is one, or none can be made of it."""
-    try:
-        message = deserialized(raw, CLOUD)
-        if is_compact(message):
-            raise GclError('it is compact already')
-        data = encode(point_cloud(message), config)
-    except GclError as error:
-        topic.left, topic.why = topic.left + 1, topic.why or str(error)
-        return raw
-    topic.packed += 1
-    topic.before += len(message.data)
-    topic.after += len(data)
-    topic.timed |= any(f.name in TIMES for f in message.fields)
-    types = message_types()
-    fill_compact(message, data, types.types['sensor_msgs/msg/PointField'])
-    message.data = np.frombuffer(message.data, np.uint8)
-    return bytes(types.serialize_cdr(message, CLOUD))
 
 
 def _bytes(path: Path) -> int:

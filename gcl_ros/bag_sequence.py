@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -110,12 +111,25 @@ class BagSequence:
         Raises:
             GclError: the bag has no poses, none around that time, or none of the clouds' frame.
         """
+        track, T_child_lidar = self._poses()
+        return track.at(self._index[index][0]) @ T_child_lidar
+
+    def track(self) -> Iterator[tuple[float, Float[np.ndarray, '4 4']]]:
+        """Stamp and LiDAR pose of each message of poses, by their stamps.
+
+        Raises:
+            GclError: the bag has no poses, or none of the clouds' frame.
+        """
+        track, T_child_lidar = self._poses()
+        for stamp, pose in zip(track.stamps.tolist(), track.poses, strict=True):
+            yield stamp, pose @ T_child_lidar
+
+    def _poses(self) -> tuple[Track, Float[np.ndarray, '4 4']]:
         if self._track is None:
             self._track = self._read_track()
-            if self._T_child_lidar is None:
-                self._T_child_lidar = self._mount(self._track.child)
-        assert self._T_child_lidar is not None
-        return self._track.at(self._index[index][0]) @ self._T_child_lidar
+        if self._T_child_lidar is None:
+            self._T_child_lidar = self._mount(self._track.child)
+        return self._track, self._T_child_lidar
 
     def _choose(self, wanted: str | None, kinds: tuple[str, ...], what: str) -> str:
         """The wanted topic, or the only one of these types."""

@@ -32,7 +32,12 @@ def _pack(options: argparse.Namespace) -> str:
     config = compact_config(options)
     check_new(options.out)
     found = pack_bag(
-        options.bag, options.out, config, topics=options.topics, storage=options.storage
+        options.bag,
+        options.out,
+        config,
+        topics=options.topics,
+        odometry=options.odometry,
+        storage=options.storage,
     )
     return to_json(found) if options.json else in_words(found)
 

@@ -6,7 +6,7 @@ import threading
 
 import numpy as np
 import pytest
-from recordings import TYPES, cloud, odometry, write
+from recordings import TYPES, cloud, odometry, transform, write
 from rosbags.interfaces import (
     Qos,
     QosDurability,
@@ -16,6 +16,7 @@ from rosbags.interfaces import (
     QosTime,
 )
 from rosbags.rosbag2 import StoragePlugin, Writer
+from scipy.spatial import cKDTree
 from sensor_msgs.msg import PointCloud2
 
 from gcl_core import se3
@@ -170,18 +171,57 @@ def test_clouds_that_cannot_be_packed_stay_and_are_told(tmp_path, scans, capsys)
     np.testing.assert_array_equal(open_sequence(out).scan(2).points, NOISE * 0 + 500)
 
 
-def test_lost_times_of_points_are_told(tmp_path, capsys):
-    message = cloud(times(1)[0], NOISE)
+def swept(stamp, points, after):
+    """A cloud whose points tell when they were seen, nanoseconds after its stamp."""
+    message = cloud(stamp, points)
     field = TYPES.types['sensor_msgs/msg/PointField']
-    table = np.zeros(500, [('xyz', '<f4', 3), ('t', '<u4')])
-    table['xyz'] = NOISE
+    table = np.zeros(len(points), [('xyz', '<f4', 3), ('t', '<u4')])
+    table['xyz'], table['t'] = points, after
     message.fields = [*message.fields, field(name='t', offset=12, datatype=6, count=1)]
-    message.point_step, message.row_step = 16, 16 * 500
+    message.point_step, message.row_step = 16, 16 * len(points)
     message.data = np.frombuffer(table.tobytes(), np.uint8)
-    for name, sent in (('timed', message), ('plain', cloud(times(1)[0], NOISE))):
+    return message
+
+
+AFTER = np.linspace(0, 10**8, 500).astype(np.uint32)
+
+
+def test_lost_times_of_points_are_told(tmp_path, capsys):
+    timed, plain = swept(times(1)[0], NOISE, AFTER), cloud(times(1)[0], NOISE)
+    for name, sent in (('timed', timed), ('plain', plain)):
         path = write(tmp_path / name, [('/points', 1, sent)])
         assert main(['bag', 'pack', str(path), str(tmp_path / f'{name}_packed')]) == 0
-        assert ('no longer be de-skewed' in capsys.readouterr().out) == (name == 'timed')
+        told = '1 of them can no longer be de-skewed' in capsys.readouterr().out
+        assert told == (name == 'timed')
+
+
+def test_clouds_are_de_skewed_by_the_bags_own_odometry(tmp_path, capsys):
+    """At 20 m/s along x, of a LiDAR that is mounted across."""
+    T_base_lidar = se3.from_xyz_rpy(1.0, yaw=np.pi / 2)
+    T_odom_base = lambda seconds: se3.from_xyz_rpy(20 * seconds)  # noqa: E731
+    scans, still = [], []
+    for stamp in times(60)[::10]:
+        poses = np.stack([T_odom_base(a * 1e-9) @ T_base_lidar for a in AFTER.tolist()])
+        world = se3.transform(T_base_lidar, NOISE.astype(float))  # at the stamp, from the origin
+        seen = np.stack([se3.transform(se3.inverse(T), w[None])[0] for T, w in zip(poses, world)])
+        scans.append(('/points', stamp + 10**8, swept(stamp, seen.astype(np.float32), AFTER)))
+        still.append(NOISE)
+    odometer = [('/odom', t, odometry(t, T_odom_base(t * 1e-9))) for t in times(60)]
+    link = transform(0, 'base_link', 'lidar', T_base_lidar)
+    static = [('/tf_static', 0, TYPES.types['tf2_msgs/msg/TFMessage'](transforms=[link]))]
+    path = write(tmp_path / 'drive', sorted(scans + odometer + static, key=lambda row: row[1]))
+    out = tmp_path / 'packed'
+    settings = ['--odometry', '/odom', '--voxel-size', '0.02', '--max-range', '60']
+    assert main(['bag', 'pack', str(path), str(out), *settings]) == 0
+    said = capsys.readouterr().out
+    assert '6 of them de-skewed first' in said
+    assert 'no longer' not in said
+    drive = open_sequence(out)
+    for index, points in enumerate(still):
+        away, _ = cKDTree(points).query(drive.scan(index).points)
+        assert away.max() < 0.03
+    assert main(['bag', 'pack', str(path), str(tmp_path / 'x'), '--odometry', '/points']) == 2
+    assert 'has no topic of poses /points; it has /odom' in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -67,6 +67,11 @@ def _add_pack(kinds: Any) -> None:
     pack.add_argument('bag', type=Path, help='rosbag2 folder, or a file .mcap or .db3 of one')
     pack.add_argument('out', type=Path, help='folder to write')
     pack.add_argument('--topics', nargs='+', default=[], help='of clouds to pack; default: all')
+    pack.add_argument(
+        '--odometry',
+        metavar='TOPIC',
+        help='of poses: de-skew clouds whose points tell times',
+    )
     add_compact(pack)
     _add_storage(pack)
     add_json(pack)
