@@ -61,7 +61,9 @@ class ConvNorm(Folding[FoldedConv]):
 class ResidualBlock(nn.Module):
     """conv-BN-ReLU-conv-BN, plus the identity, ReLU."""
 
-    def __init__(self, channels: int, shape: KernelShape, *, quarter_turns: bool) -> None:
+    def __init__(
+        self, channels: int, shape: KernelShape = CUBE_3, *, quarter_turns: bool = False
+    ) -> None:
         super().__init__()
         self.first = ConvNorm(channels, channels, shape, quarter_turns=quarter_turns)
         self.second = ConvNorm(channels, channels, shape, quarter_turns=quarter_turns)
