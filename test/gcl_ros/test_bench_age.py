@@ -12,6 +12,7 @@ from gcl_core import se3
 from gcl_ros import bench_age
 from gcl_ros.bench_age import COUNTS, Record, summary
 from gcl_ros.bench_stream import messages, there_and_back
+from gcl_ros.compact_cloud import compact_cloud
 from gcl_ros.conversions import point_cloud
 from gcl_ros.usage import growth, usage
 
@@ -79,6 +80,14 @@ def test_the_meeting_is_as_large_as_a_real_one(streams):
         assert len(clouds) == len(truth)
         assert all(110_000 < len(point_cloud(cloud)) < 130_000 for cloud in clouds)
         assert len(clouds[0].data) == 16 * clouds[0].width
+
+
+def test_the_source_may_send_compact_scans(streams):
+    whole, sent = messages(streams, 'source'), messages(streams, 'source', compact=True)
+    assert len(sent) == len(whole)
+    assert sent[0].header == whole[0].header
+    assert len(sent[0].data) < 0.01 * len(whole[0].data)
+    assert 1000 < len(compact_cloud(sent[0])) < len(point_cloud(whole[0]))
 
 
 def test_it_runs(streams, monkeypatch):
