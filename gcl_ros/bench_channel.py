@@ -77,7 +77,7 @@ class Channel:
         GclError: not root, or something that it needs is missing.
     """
 
-    def __init__(self, stations: int, conditions: Conditions, seed: int = 0) -> None:
+    def __init__(self, stations: int, conditions: Conditions, seed: str = '') -> None:
         if os.geteuid() != 0 or not shutil.which('ip') or not TUN.exists():
             raise GclError(f'an emulated channel needs root, the program ip (iproute2) and {TUN}')
         self.conditions = conditions

@@ -125,7 +125,7 @@ def measure(case: Case, folder: Path) -> Row:
     topics = [f'/vehicle{number}/points' for number in range(case.vehicles)]
     kind = ['--reliable'] if case.reliable else []
     timing = ['--period', str(case.period), '--number', str(case.number)]
-    with Channel(case.vehicles + 1, case.air) as channel, ExitStack() as running:
+    with Channel(case.vehicles + 1, case.air, repr(case)) as channel, ExitStack() as running:
 
         def end(station: int, *arguments: str, **pipes: Any) -> subprocess.Popen[str]:
             command = [sys.executable, '-m', 'gcl_ros.bench_end', *arguments, *kind]
