@@ -70,7 +70,7 @@ def test_points_beyond_the_range_are_left_out():
     scan = cloud((1, 0, 0), (200, 0, 0))
     assert len(decode(encode(scan))) == 1
     assert len(decode(encode(scan, CompactConfig(max_range=300)))) == 2
-    with pytest.raises(GclError, match='none of the 1 points'):
+    with pytest.raises(GclError, match='none of its 1 points'):
         encode(cloud((200, 0, 0)))
 
 
