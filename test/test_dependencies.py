@@ -18,7 +18,16 @@ ROSDEP = {
     'tqdm': 'python3-tqdm',
 }
 WITH_ROS_ONLY = {'launch', 'launch_ros', 'tf2_ros_py'}  # no wheels of them
-OPTIONAL = {'argcomplete', 'kiss_matcher', 'rerun', 'tf2_ros', 'spconv', 'atheris', 'packaging'}
+OPTIONAL = {
+    'argcomplete',
+    'kiss_matcher',
+    'rerun',
+    'tf2_ros',
+    'spconv',
+    'atheris',
+    'packaging',
+    'DracoPy',
+}
 WHEELS_ONLY = {'rmw_fastrtps_cpp'}  # a ROS installation has a middleware
 
 
