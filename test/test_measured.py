@@ -60,7 +60,26 @@ def names(data):
         cells.append(f'{seconds[0]:.{digits}f}–{seconds[-1]:.{digits}f}')
         return ' | '.join([*method.split(' + '), *cells])
 
-    helpers = {'of': of, 'estimator': estimator, 'number': number, 'data': data}
+    def compact(source):
+        (row,) = [
+            row
+            for row in data['sizes']
+            if (row['source'], row['voxel_size_m']) == (source, data['default_voxel_size_m'])
+        ]
+        cells = [
+            f'{row[key]:,.0f}'
+            for key in ('voxels_median', 'bytes_median', 'bytes_p95', 'draco_bytes_median')
+        ]
+        cells += [f'{row[key]:.1f}' for key in ('encode_ms_median', 'decode_ms_median')]
+        return ' | '.join([source, str(row['scans']), *cells])
+
+    helpers = {
+        'of': of,
+        'compact': compact,
+        'estimator': estimator,
+        'number': number,
+        'data': data,
+    }
     helpers |= {'sum': sum, 'len': len}
     return (data if isinstance(data, dict) else {}) | helpers
 
