@@ -5,7 +5,8 @@
 
 The way of the data, each arrow a type of `gcl_core.types`, each verb a folder:
 
-    PointCloud2 ─ gcl_ros.conversions ─▶ PointCloud ─ ops.heading, ops.voxelize ─▶ SparseTensor
+    PointCloud2, raw or compact ─ gcl_ros.conversions, compact_cloud ─▶ PointCloud
+      ─ ops.heading, ops.voxelize ─▶ SparseTensor
       ─ models ─▶ Features ─ matching ─▶ Correspondences
       ─ estimation ─▶ Registration (T_target_source, accepted) ─ gcl_ros ─▶ TransformStamped
 

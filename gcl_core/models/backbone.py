@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Generic, Protocol, TypeVar
 
@@ -23,10 +23,8 @@ from gcl_core.types import Features, PointCloud, SparseTensor
 HEIGHT_SCALE = 3.0  # metres; brings heights of cars and eaves to the size of the constant input
 HEIGHT_LIMIT = 12.0  # metres; above it a tree is a tree
 QUARTER = math.pi / 2
-# (4, 3, 3) rotations about z by 0, 1, 2 and 3 quarter turns, without rounding.
-QUARTER_TURNS = np.stack(
-    [np.linalg.matrix_power(np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1]]), q) for q in range(4)]
-).astype(np.float32)
+# (4, 4, 4) turns about z by 0, 1, 2 and 3 quarters, without rounding.
+QUARTER_TURNS = np.rint([se3.from_xyz_rpy(yaw=q * QUARTER) for q in range(4)])
 
 
 @dataclass(frozen=True)
@@ -160,5 +158,5 @@ class Backbone(nn.Module, ABC, Generic[Config, Inputs]):
         Raises:
             GclError: the scan has no point within `max_range`.
         """
-        turned = (replace(cloud, points=cloud.points @ QUARTER_TURNS[q % 4].T) for q in quarters)
+        turned = (cloud.moved(QUARTER_TURNS[q % 4]) for q in quarters)
         return [features for scan in turned for features in self.describe([scan])]

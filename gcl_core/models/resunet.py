@@ -132,7 +132,7 @@ class ResUNet(Backbone[ResUNetConfig, SparseTensor]):
         if not self.config.quarter_turns:
             return super().describe_quarters(cloud, quarters)
         (own,) = self.describe([cloud])
-        turns = torch.from_numpy(QUARTER_TURNS)
+        turns = torch.from_numpy(QUARTER_TURNS[:, :3, :3]).to(own.points)
         return [
             Features(own.points @ turns[q % 4].t(), roll_blocks(own.descriptors, q))
             for q in quarters
