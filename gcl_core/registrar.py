@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field, replace
 from typing import Literal
 
@@ -22,21 +24,27 @@ from gcl_core.estimation.decision import (
     refine_finalists,
     summary,
 )
-from gcl_core.estimation.estimators import EstimatorConfig, estimate
+from gcl_core.estimation.estimators import EstimatorConfig
 from gcl_core.estimation.evidence import Scene
 from gcl_core.estimation.hypothesis import Hypothesis, ranked
 from gcl_core.estimation.likeness import keypoint_grid, raised
-from gcl_core.estimation.refine import RefineConfig
+from gcl_core.estimation.refine import RefineConfig, prepare
+from gcl_core.estimation.search import Search
+from gcl_core.estimation.surface import surface
 from gcl_core.files import sha256
-from gcl_core.matching.match import MatchConfig, match
+from gcl_core.matching.match import MatchConfig
+from gcl_core.matching.vote import likeliest_first
 from gcl_core.models import zoo
 from gcl_core.ops.native.instructions import held
 from gcl_core.ops.native.kernels import kernels_for
+from gcl_core.ops.threads import SideBySide
 from gcl_core.stopwatch import Stopwatch
-from gcl_core.types import Features, PointCloud, Registration
-from gcl_core.view import View, undescribed
+from gcl_core.types import Heading, PointCloud, Registration
+from gcl_core.view import View
 
 FEWEST_KEY_POINTS = 100  # anything fits a handful of points
+HEADINGS = (1, 4, 12)
+STEP = math.pi / 6  # between neighbouring headings of 12
 TURN_MARGIN = 0.6  # of what weights bear: beyond it, headings are another turn's business
 
 
@@ -46,13 +54,12 @@ class RegistrarConfig:
 
     Attributes:
         weights: `gcl_conv`, `gcl_kpconv` (more right matches, slower), or a file.
+        device: where the network computes: `auto` takes a GPU if torch finds one.
         precision: of the network and of the search in feature space: `bfloat16`, `float32`, or
             `auto`: bfloat16 where one instruction multiplies it.
-        turns: headings at which the source is described. The shipped weights bear about 16
-            degrees between two scans: 12 find any heading, 1 is for vehicles that face the same
-            way.
-        first_turns: headings that are tried first, the others only if nothing is accepted. Where
-            both scans agree on the direction of the street, 4 are enough.
+        headings: of the source that are searched: 12 find any; 4, quarter turns, are enough where
+            both scans agree on the direction of the street; 1 is for vehicles that face the same
+            way. The likeliest comes first, others only while nothing is accepted.
         max_distance: between the sensors, metres; what would be farther is left out. Of two scans
             that reach 80 m, little is left in common, and that sparse.
         min_probability: of being right (within 0.6 m and 1.5 degrees) for a transform to be
@@ -64,9 +71,9 @@ class RegistrarConfig:
     """
 
     weights: str = zoo.DEFAULT
+    device: Literal['auto', 'cpu', 'cuda'] = 'auto'
     precision: Literal['auto', 'bfloat16', 'float32'] = 'auto'
-    turns: int = 12
-    first_turns: int = 4
+    headings: int = 12
     max_distance: float = 80.0
     min_probability: float = 0.9
     match: MatchConfig = field(default_factory=MatchConfig)
@@ -75,20 +82,13 @@ class RegistrarConfig:
     refine: RefineConfig = field(default_factory=RefineConfig)
 
     def __post_init__(self) -> None:
-        for name in ('turns', 'first_turns'):
-            if getattr(self, name) < 1:
-                raise GclError(f'{name} is {getattr(self, name)}; it must be at least 1')
+        if self.headings not in HEADINGS:
+            raise GclError(f'headings is {self.headings}; it must be one of {HEADINGS}')
         zoo.dtype_named(self.precision)
         if not self.max_distance > 0:
             raise GclError(f'max_distance is {self.max_distance}; it must be positive, metres')
         if not 0 <= self.min_probability <= 1:
             raise GclError(f'min_probability is {self.min_probability}; it must lie in [0, 1]')
-
-    @property
-    def looks(self) -> tuple[int, ...]:
-        """Headings to describe the source at, again with more while nothing is accepted."""
-        few = (self.first_turns,) if self.first_turns < self.turns else ()
-        return (*few, self.turns)
 
 
 def settings_hash(config: RegistrarConfig) -> str:
@@ -108,10 +108,12 @@ class Registrar:
 
     def __init__(self, config: RegistrarConfig | None = None) -> None:
         self.config = config or RegistrarConfig()
-        self.model = zoo.load_weights(self.config.weights)
+        self.device = zoo.device_named(self.config.device)
+        self.model = zoo.load_weights(self.config.weights).to(self.device)
         self.model.dtype = zoo.dtype_named(self.config.precision)
         self.calibration = load_calibration(zoo.calibration_file(self.config.weights))
         self._weights = sha256(zoo.weights_file(self.config.weights))
+        self._side_by_side = SideBySide()
 
     @property
     def made_with(self) -> MadeWith:
@@ -136,69 +138,53 @@ class Registrar:
     @property
     def engine(self) -> str:
         """How scans are described on this machine, for the log."""
-        instructions = held() if kernels_for(torch.empty(0, dtype=self.model.dtype)) else None
+        like = torch.empty(0, dtype=self.model.dtype, device=self.device)
+        instructions = held() if kernels_for(like) else None
         kernels = f'compiled kernels ({instructions.name})' if instructions else 'plain torch'
+        if self.device.type != 'cpu':
+            kernels += f' on {self.device.type}'
         return f'{str(self.model.dtype).split(".")[1]}, {kernels}'
 
-    def max_heading(self, turns: int) -> float:
-        """Largest heading that is searched for at each of so many turns, radians."""
-        bearable = np.deg2rad(self.model.config.max_yaw_deg)
-        return float(min(np.pi / turns, bearable) + TURN_MARGIN * bearable)
+    @property
+    def _compared_in(self) -> torch.dtype:
+        """Dtype in which descriptors are compared."""
+        return zoo.dtype_named(self.config.precision)
 
-    def first_yaw(self, *, source: View, target: View) -> float:
-        """Yaw of the source's first turn; where it is the only one, both face the same way."""
-        same_way = se3.yaw(target.T_view_lidar @ se3.inverse(source.T_view_lidar))
-        return same_way if self.config.turns == 1 else 0.0
+    @property
+    def max_yaw(self) -> float:
+        """Largest heading that is left between a turned source and the target, radians."""
+        return float((1 + TURN_MARGIN) * np.deg2rad(self.model.config.max_yaw_deg))
 
-    def view(
-        self,
-        cloud: PointCloud,
-        *,
-        turns: int = 1,
-        yaw: float = 0.0,
-        known: View | None = None,
-    ) -> View:
-        """Describe a scan at evenly spaced headings, and prepare it for checks and refinement.
-
-        Args:
-            cloud: the scan.
-            turns: how many headings.
-            yaw: of the first turn, radians: where the target's view is known to be turned so
-                against this one's, one heading is enough.
-            known: another view of this scan; what it has of this one is not made again.
+    def view(self, cloud: PointCloud) -> View:
+        """Describe a scan, and prepare it for checks and refinement.
 
         Raises:
             GclError: no point lies within the network's range.
         """
         PointCloud.check(cloud)
-        known = known or self._undescribed(cloud)
-        yaws = [yaw + 2 * np.pi * k / turns for k in range(turns)]
-        matrices = [se3.from_xyz_rpy(yaw=yaw) for yaw in yaws]
-        made = {T.numpy().tobytes(): f for T, f in zip(known.turns, known.headings)}
-        missing = [k for k, T in enumerate(matrices) if T.tobytes() not in made]
-        still = cloud.moved(known.T_view_lidar)
-        described = self.model.describe_turned(still, [yaws[k] for k in missing])
-        made.update((matrices[k].tobytes(), f) for k, f in zip(missing, described, strict=True))
-        return replace(
-            known,
-            headings=[made[T.tobytes()] for T in matrices],
-            turns=torch.from_numpy(np.stack(matrices)),
+        T_view_lidar = self.model.facing(cloud)
+        cloud = cloud.moved(T_view_lidar)
+        if self.config.headings == 1:
+            headings = [Heading(0.0, *self.model.describe([cloud]))]
+        else:
+            headings = self.model.describe_headings(cloud)
+        return View(
+            T_view_lidar=T_view_lidar,
+            cloud=cloud,
+            headings=tuple(headings),
+            surface=surface(cloud),
+            prepared=prepare(cloud, self.config.refine),
         )
 
-    def _undescribed(self, cloud: PointCloud) -> View:
-        PointCloud.check(cloud)
-        return undescribed(cloud, self.model.facing(cloud), self.config.refine)
-
     def views(self, *, source: PointCloud, target: PointCloud) -> tuple[View, View]:
-        """Prepare both scans of a pair, the source at all headings.
+        """Both scans of a pair, prepared side by side.
 
         Raises:
             GclError: a cloud has no point within the network's range.
         """
-        seen = self.view(target)
-        known = self._undescribed(source)
-        yaw = self.first_yaw(source=known, target=seen)
-        return self.view(source, turns=self.config.turns, yaw=yaw, known=known), seen
+        PointCloud.check(source, 'source')
+        PointCloud.check(target, 'target')
+        return self._side_by_side(lambda: self.view(source), lambda: self.view(target))
 
     def register(self, *, source: PointCloud, target: PointCloud) -> Registration:
         """Find the transform that maps source points into the target frame.
@@ -206,43 +192,87 @@ class Registrar:
         Raises:
             GclError: a cloud has no point within the network's range.
         """
-        return self.register_seen(source=source, target=target)[0]
-
-    def register_seen(
-        self, *, source: PointCloud, target: PointCloud
-    ) -> tuple[Registration, View, View]:
-        """Register; also return source and target as they were described, for pictures."""
-        PointCloud.check(source, 'source')
-        PointCloud.check(target, 'target')
         watch = Stopwatch()
         with watch('describe'):
-            seen = self.view(target)
-            view = self._undescribed(source)
-        yaw = self.first_yaw(source=view, target=seen)
-        for turns in self.config.looks:
-            with watch('describe'):
-                view = self.view(source, turns=turns, yaw=yaw, known=view)
-            result = self.register_views(source=view, target=seen, watch=watch)
-            if result.accepted:
-                break
-        return result, view, seen
+            view, seen = self.views(source=source, target=target)
+        return self.register_views(source=view, target=seen, watch=watch)
 
     def register_views(
         self, *, source: View, target: View, watch: Stopwatch | None = None
     ) -> Registration:
-        """Register scans that were prepared by `view`, the source at all headings."""
-        result = self._register_views(source, target, watch or Stopwatch())
-        return replace(result, calibrated=not self.uncalibrated)
+        """Register scans that were prepared by `view`."""
+        watch = watch or Stopwatch()
+        search = self.search(target, watch)
+        for look in self.looks(source=source, target=target, watch=watch):
+            result = self._decide(look, target, search, watch)
+            if result.accepted:
+                break
+        result = replace(result, headings=len(look.headings), calibrated=not self.uncalibrated)
+        return between_lidars(replace(result, ms=watch.stop()), source=source, target=target)
 
-    def _register_views(self, source: View, target: View, watch: Stopwatch) -> Registration:
-        few = min(len(source.headings[0]), len(target.headings[0]))
+    def looks(
+        self, *, source: View, target: View, watch: Stopwatch | None = None
+    ) -> Iterator[View]:
+        """The source at the headings that are searched, one look after the other.
+
+        First the likeliest quarter turn, then all four, then `config.headings`: where scans do
+        not agree on the direction of the street, they are described twice more.
+        """
+        watch = watch or Stopwatch()
+        if self.config.headings == 1:
+            with watch('describe'):
+                yield replace(source, headings=(self._same_way(source, target),))
+            return
+        with watch('match'):
+            headings = likeliest_first(source.headings, target.features, self._compared_in)
+        yield replace(source, headings=tuple(headings[:1]))
+        yield replace(source, headings=tuple(headings))
+        if self.config.headings > len(headings):
+            with watch('describe'):
+                for yaw in (STEP, 2 * STEP):
+                    headings += self.model.describe_headings(source.cloud, yaw)
+            yield replace(source, headings=tuple(headings))
+
+    def _same_way(self, source: View, target: View) -> Heading:
+        """The source as turned to the target's street, if both vehicles face the same way."""
+        yaw = se3.yaw(target.T_view_lidar @ se3.inverse(source.T_view_lidar))
+        step = round(yaw / STEP) % 12
+        if step == 0:
+            return source.headings[0]
+        quarter, rest = divmod(step, 3)
+        return self.model.describe_headings(source.cloud, rest * STEP)[quarter]
+
+    def search(self, target: View, watch: Stopwatch) -> Search:
+        """What finds hypotheses of a source against a target."""
+        config = self.config
+        return Search(
+            target=target.features,
+            matching=config.match,
+            estimator=config.estimator,
+            max_distance=config.max_distance,
+            max_yaw=self.max_yaw,
+            dtype=self._compared_in,
+            watch=watch,
+        )
+
+    def hypotheses(self, search: Search, source: View) -> tuple[list[Hypothesis], int]:
+        """The best distinct hypotheses at the headings of a source; how many correspondences."""
+        found, offered = search.at(source.headings)
+        return ranked(found, self.config.verify.hypotheses), offered
+
+    def _decide(
+        self, source: View, target: View, search: Search, watch: Stopwatch
+    ) -> Registration:
+        """Search, check, refine and judge at the headings of a source; between the views."""
+        few = min(len(source.features), len(target.features))
         if few < FEWEST_KEY_POINTS:
-            reason = f'a scan has {few} key points, {FEWEST_KEY_POINTS} needed'
-            return Registration(None, 0, 0, reason, watch.stop())
-        hypotheses, offered = self.search(source=source, target=target, watch=watch)
+            return Registration(
+                None, 0, 0, f'a scan has {few} key points, {FEWEST_KEY_POINTS} needed'
+            )
+        hypotheses, offered = self.hypotheses(search, source)
         if not hypotheses:
             reason = f'no consistent correspondences within {self.config.max_distance:g} m'
-            return Registration(None, 0, offered, reason, watch.stop())
+            return Registration(None, 0, offered, reason)
         with watch('verify'):
             scene = self.scene(source=source, target=target)
             examined = examine(hypotheses, scene, self.config.verify)
@@ -250,9 +280,7 @@ class Registrar:
         if self.config.min_probability > 0 and nothing_fits(examined, calibration):
             best = hypotheses[int(calibration.estimated.fit.log_odds(examined).argmax())]
             reason = 'probability 0: no hypothesis fits what the scans saw'
-            T = best.T_target_source.numpy()
-            result = Registration(T, best.inliers, offered, reason, watch.stop())
-            return between_lidars(result, source=source, target=target)
+            return Registration(best.T_target_source.numpy(), best.inliers, offered, reason)
         with watch('refine'):
             odds = calibration.estimated.choice.log_odds(examined)
             finalists = self.finalists(hypotheses, odds, scene, source=source, target=target)
@@ -260,36 +288,16 @@ class Registrar:
         probability = float(calibration.trust.probability(columns))
         if winner.refined.walked or winner.refined.slides:
             probability = 0.0
-        result = self._verdict(winner, probability, offered, watch)
-        return between_lidars(result, source=source, target=target)
-
-    def search(
-        self, *, source: View, target: View, watch: Stopwatch
-    ) -> tuple[list[Hypothesis], int]:
-        """Match and estimate at every heading.
-
-        Returns the best distinct hypotheses between the views, most support first, none beyond
-        `max_distance`, and how many correspondences there were at all headings.
-        """
-        found, offered = search_headings(
-            source.headings,
-            source.turns,
-            target.headings[0],
-            self.config,
-            max_yaw=self.max_heading(len(source.headings)),
-            watch=watch,
-        )
-        return ranked(found, self.config.verify.hypotheses), offered
+        return self._verdict(winner, probability, offered)
 
     def scene(self, *, source: View, target: View) -> Scene:
         """What hypotheses about a pair are checked against."""
         return Scene(
             source=source.surface,
             target=target.surface,
-            headings=[raised(features) for features in source.headings],
-            turns=source.turns,
-            keypoints=keypoint_grid(target.headings[0]),
-            points=min(source.points, target.points),
+            headings=raised(source.headings),
+            keypoints=keypoint_grid(target.features),
+            points=min(len(source.cloud), len(target.cloud)),
         )
 
     def finalists(
@@ -313,13 +321,7 @@ class Registrar:
             config=config.refine,
         )
 
-    def _verdict(
-        self,
-        winner: Finalist,
-        probability: float,
-        offered: int,
-        watch: Stopwatch,
-    ) -> Registration:
+    def _verdict(self, winner: Finalist, probability: float, offered: int) -> Registration:
         """Accept or withhold the winner."""
         reason = ''
         if winner.refined.walked:
@@ -333,7 +335,6 @@ class Registrar:
             inliers=winner.inliers,
             correspondences=offered,
             reason=reason,
-            ms=watch.stop(),
             accepted=not reason,
             probability=probability,
             covariance=None
@@ -356,39 +357,3 @@ def between_lidars(result: Registration, *, source: View, target: View) -> Regis
         T_target_source=None if T is None else T_lidar_view @ T @ source.T_view_lidar,
         covariance=covariance,
     )
-
-
-def search_headings(
-    headings: list[Features],
-    turns: Float[torch.Tensor, 'turns 4 4'],
-    target: Features,
-    config: RegistrarConfig,
-    *,
-    max_yaw: float,
-    watch: Stopwatch,
-) -> tuple[list[Hypothesis], int]:
-    """Match and estimate at every heading.
-
-    Args:
-        headings: features of the source in the frames turned by `turns`.
-        turns: T_turned_source of each heading.
-        target: features of the target.
-        config: settings of match and estimator, and the farthest that is wanted.
-        max_yaw: largest heading that is left between a turned source and the target, radians.
-        watch: times both.
-
-    Returns:
-        Hypotheses in the order of headings, and how many correspondences there were.
-    """
-    found, offered = [], 0
-    for features, T_turned_source in zip(headings, turns, strict=True):
-        with watch('match'):
-            dtype = zoo.dtype_named(config.precision)
-            matches = match(source=features, target=target, config=config.match, dtype=dtype)
-        offered += len(matches)
-        with watch('estimate'):
-            for h in estimate(matches, config.estimator, max_yaw=max_yaw):
-                T = h.T_target_source @ T_turned_source
-                if T[:3, 3].norm() <= config.max_distance:
-                    found.append(Hypothesis(T, h.score, h.inliers))
-    return found, offered

@@ -128,6 +128,19 @@ class Features:
 
 
 @dataclass(frozen=True)
+class Heading:
+    """A scan as a network describes it when it is turned about the vertical.
+
+    Attributes:
+        yaw: by which it is turned, radians.
+        features: descriptors of the turned scan; key points in the frame of the unturned one.
+    """
+
+    yaw: float
+    features: Features
+
+
+@dataclass(frozen=True)
 class Correspondences:
     """Matched key points, row by row.
 
@@ -198,6 +211,7 @@ class Registration:
         correspondences: correspondences that were offered.
         reason: why it is not accepted; empty if it is.
         ms: time of each stage in milliseconds, `total` among them.
+        headings: of the source that were searched.
         accepted: whether the transform is to be used.
         probability: that it is right within 0.6 m and 1.5 degrees, as calibrated.
         covariance: of x, y, z, rot_x, rot_y, rot_z (metres and radians, ROS's order) about the
@@ -211,6 +225,7 @@ class Registration:
     correspondences: int
     reason: str = ''
     ms: dict[str, float] = field(default_factory=dict)
+    headings: int = 0
     accepted: bool = False
     probability: float = 0.0
     covariance: Float[np.ndarray, '6 6'] | None = None

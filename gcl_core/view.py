@@ -5,49 +5,32 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 from jaxtyping import Float
 
-from gcl_core.estimation.refine import Prepared, RefineConfig, prepare
-from gcl_core.estimation.surface import Surface, surface
-from gcl_core.types import Features, PointCloud
+from gcl_core.estimation.refine import Prepared
+from gcl_core.estimation.surface import Surface
+from gcl_core.types import Features, Heading, PointCloud
 
 
 @dataclass(frozen=True)
 class View:
-    """One scan, ready to be registered to others; made once per scan.
+    """One scan, ready to be registered to others; made once per scan, whatever its part.
 
     Attributes:
         T_view_lidar: turns the scan to its street; all else is in the frame that it leads to.
-        headings: features in the frames turned by `turns`; none yet of `undescribed`.
-        turns: T_turned_view of each heading; the identity alone where it is a target.
+        cloud: its points.
+        headings: how it is described, first as it is, then as turned.
         surface: for checks.
         prepared: for refinement.
-        points: number of them.
     """
 
     T_view_lidar: Float[np.ndarray, '4 4']
-    headings: list[Features]
-    turns: Float[torch.Tensor, 'turns 4 4']
+    cloud: PointCloud
+    headings: tuple[Heading, ...]
     surface: Surface
     prepared: Prepared
-    points: int
 
-
-def undescribed(
-    cloud: PointCloud, T_view_lidar: Float[np.ndarray, '4 4'], config: RefineConfig
-) -> View:
-    """All of a view that does not depend on headings.
-
-    Raises:
-        GclError: no point lies within 80 m.
-    """
-    cloud = cloud.moved(T_view_lidar)
-    return View(
-        T_view_lidar=T_view_lidar,
-        headings=[],
-        turns=torch.empty(0, 4, 4, dtype=torch.float64),
-        surface=surface(cloud),
-        prepared=prepare(cloud, config),
-        points=len(cloud),
-    )
+    @property
+    def features(self) -> Features:
+        """How it is described as it is."""
+        return self.headings[0].features

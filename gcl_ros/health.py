@@ -25,13 +25,11 @@ class Outcome:
         result: of the registrar.
         age: from the later stamp to the end of the work, seconds of the node's clock.
         dt: stamp of the source minus that of the target, seconds.
-        headings: that were searched.
     """
 
     result: Registration
     age: float
     dt: float
-    headings: int
 
 
 @dataclass
@@ -181,7 +179,7 @@ def _figures_of(outcome: Outcome) -> Mapping[str, object]:
     rows: dict[str, object] = {
         'age s': f'{outcome.age:.3f}',
         'dt s': f'{outcome.dt:.4f}',
-        'headings': outcome.headings,
+        'headings': outcome.result.headings,
         'inliers': result.inliers,
         'correspondences': result.correspondences,
         'probability': f'{result.probability:.4f}',

@@ -19,7 +19,6 @@ from gcl_ros.conversions import seconds
 from gcl_ros.deskew import Swept
 from gcl_ros.diagnostics import Report
 from gcl_ros.exchange import Exchange, Registered
-from gcl_ros.heading import Heading
 from gcl_ros.outputs import Outputs, Wanted
 from gcl_ros.pairing import SIDES, Pairing, Side
 from gcl_ros.streams import Limits
@@ -45,17 +44,14 @@ class Link:
         self._outputs = Outputs(node, self.prefix, wanted)
         self.pairing: Pairing[PointCloud2] | None = None
         self._tracking: Tracking | None = None
-        self.heading = Heading(0.0)
         self.health = health.Health(name)
         self._last: dict[Side, PointCloud2] = {}
         self._swept: dict[Side, Swept] = {}  # of the pair at work, or of the last
         self._telling = threading.Lock()  # held while an outcome is published, or all is forgotten
 
-    def begin(
-        self, pairing: Pairing[PointCloud2], motion: MotionConfig, heading_memory: float
-    ) -> None:
+    def begin(self, pairing: Pairing[PointCloud2], motion: MotionConfig) -> None:
         """Start listening."""
-        self.pairing, self.heading = pairing, Heading(heading_memory)
+        self.pairing = pairing
         self.health = health.Health(self.name, began=time.monotonic())
         if motion.odometry:
             self._tracking = Tracking(self._node, motion, source=self.name, prefix=self.prefix)
@@ -78,7 +74,6 @@ class Link:
                 self.pairing.reset()
             if self._tracking is not None:
                 self._tracking.reset()
-            self.heading.forget()
             self.health = health.Health(self.name, began=time.monotonic())
 
     def heard(self, side: Side, message: PointCloud2) -> None:
@@ -122,8 +117,7 @@ class Link:
         self._swept = {side: scan.swept for side, scan in scans.items()}
         if self._tracking is not None:
             self._tracking.swept = self._swept
-        yaw = self._expected(max(seconds(m.header.stamp) for m in (source, target)))
-        registered = exchange.register(**scans, yaw=yaw)
+        registered = exchange.register(**scans)
         with self._telling:
             if not wanted() or pairing.forgotten:
                 return None
@@ -142,7 +136,6 @@ class Link:
         result, outputs = registered.result, self._outputs
         stamps = {'source': seconds(source.header.stamp), 'target': seconds(target.header.stamp)}
         if result.accepted:
-            self.heading.found(max(stamps.values()), result.T_target_source)
             together = result
             if self._tracking is not None:
                 together = self._tracking.registered(result, target.header.frame_id, **stamps)
@@ -151,9 +144,9 @@ class Link:
             outputs.show(result, target=target, cloud=cloud, matches=matches)
         age = self._clock() - max(stamps.values())
         dt = stamps['source'] - stamps['target']
-        self.health.done(health.Outcome(result, age, dt, registered.headings))
+        self.health.done(health.Outcome(result, age, dt))
 
-    def prepare(self, exchange: Exchange, side: Side, message: PointCloud2) -> None:
+    def prepare(self, exchange: Exchange, message: PointCloud2) -> None:
         """Describe a cloud whose partner is about to come; what is wrong with it is told then.
 
         With odometry it is left to the partner: the poses to undo its motion may not be here yet.
@@ -161,19 +154,7 @@ class Link:
         if self._tracking is not None:
             return
         with suppress(GclError):
-            scan = exchange.read(message)
-            if side == 'target':
-                exchange.prepare_target(scan)
-                return
-            yaw = self._expected(seconds(message.header.stamp))
-            exchange.prepare_source(scan, yaw=yaw)
-
-    def _expected(self, stamp: float) -> float | None:
-        """Heading of the transform to come, radians, if one is known."""
-        if self._tracking is not None and self.heading.memory > 0:
-            carried = self._tracking.heading_at(stamp)
-            return self.heading.at(stamp) if carried is None else carried
-        return self.heading.at(stamp)
+            exchange.prepare(exchange.read(message))
 
     def _clock(self) -> float:
         return float(self._node.get_clock().now().nanoseconds) * 1e-9

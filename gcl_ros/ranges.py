@@ -4,7 +4,6 @@ from __future__ import annotations
 
 RANGES: dict[str, tuple[float, float]] = {
     'max_pair_dt': (0.0, 10.0),
-    'heading_memory': (0.0, 3600.0),
     'silence': (0.1, 3600.0),
     'max_age': (0.01, 3600.0),
     'max_rate': (0.01, 1000.0),
@@ -16,8 +15,7 @@ RANGES: dict[str, tuple[float, float]] = {
     'distance': (0.0, 1.0),
     'turn': (0.0, 1.0),
     'still': (0.0, 10.0),
-    'turns': (1, 36),
-    'first_turns': (1, 36),
+    'headings': (1, 12),
     'max_distance': (1.0, 1000.0),
     'min_probability': (0.0, 1.0),
     'k': (1, 20),

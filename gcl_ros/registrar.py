@@ -16,7 +16,7 @@ def parser() -> argparse.ArgumentParser:
         [
             'ros2 run gcl_ros registrar --ros-args -r source/points:=/b/points '
             '-r target/points:=/a/points',
-            'ros2 run gcl_ros registrar --ros-args -p registrar.turns:=1',
+            'ros2 run gcl_ros registrar --ros-args -p registrar.headings:=1',
         ],
     )
 

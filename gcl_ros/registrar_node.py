@@ -36,7 +36,6 @@ from gcl_ros.exchange import Exchange
 from gcl_ros.lifecycle import ConfiguredNode
 from gcl_ros.link import SINGLE, Link
 from gcl_ros.outputs import Wanted
-from gcl_ros.pairing import Side
 from gcl_ros.pairings import Pairings
 from gcl_ros.streams import Limits
 from gcl_ros.tracking import MotionConfig
@@ -59,9 +58,6 @@ class NodeConfig:
         max_pair_dt: clouds whose stamps differ by more than this are no pair, seconds.
         reliable: reliable subscriptions; they do not match best-effort publishers.
         on_demand: register a pair only when `~/trigger` is called.
-        heading_memory: seconds for which the heading of the last transform is where the next is
-            looked for first; `registrar.first_turns` and `registrar.turns` are searched when
-            nothing is accepted there. 0 always searches all.
         silence: a topic without a cloud for this long is a warning in the diagnostics, seconds.
         max_age: a transform this long after its stamp is a warning in the diagnostics, seconds.
         max_points: clouds of more points, or compact scans of more voxels, are refused; it bounds
@@ -79,7 +75,6 @@ class NodeConfig:
     max_pair_dt: float = 0.1
     reliable: bool = False
     on_demand: bool = False
-    heading_memory: float = 5.0
     silence: float = 2.0
     max_age: float = 5.0
     max_points: int = limits.MAX_POINTS
@@ -103,8 +98,8 @@ class NodeConfig:
 
 
 # Parameters that may change at any time, and the registrar's but the network's.
-LIVE = ('max_pair_dt', 'on_demand', 'heading_memory', 'silence', 'max_age', 'max_points')
-NETWORK = ('registrar.weights', 'registrar.precision')
+LIVE = ('max_pair_dt', 'on_demand', 'silence', 'max_age', 'max_points')
+NETWORK = ('registrar.weights', 'registrar.device', 'registrar.precision')
 
 
 class RegistrarNode(ConfiguredNode[NodeConfig]):
@@ -147,7 +142,7 @@ class RegistrarNode(ConfiguredNode[NodeConfig]):
         names = config.sources
         self._pairings = Pairings(names, config.max_pair_dt, on_demand=config.on_demand)
         for name, link in self._links.items():
-            link.begin(self._pairings.of[name], config.motion, config.heading_memory)
+            link.begin(self._pairings.of[name], config.motion)
         self._worker = Worker(
             self._pairings.take, self._register, self._left_out, self._pairings.close
         )
@@ -193,8 +188,6 @@ class RegistrarNode(ConfiguredNode[NodeConfig]):
         """Use other settings from the next pair on."""
         for pairing in self._pairings.of.values() if self._pairings else ():
             pairing.max_dt, pairing.on_demand = config.max_pair_dt, config.on_demand
-        for link in self._links.values():
-            link.heading.memory = config.heading_memory
 
     def _takes(self, name: str, message: PointCloud2) -> bool:
         """Whether a cloud of a vehicle is within the limits."""
@@ -235,8 +228,7 @@ class RegistrarNode(ConfiguredNode[NodeConfig]):
         self._callers = self._answers.calls
         link, exchange = self._links[name], self._exchange
         if source is None or target is None:
-            side: Side = 'target' if source is None else 'source'
-            link.prepare(exchange, side, target if source is None else source)
+            link.prepare(exchange, target if source is None else source)
             return
         result = link.register(exchange, source, target, wanted=wanted)
         if result is not None:

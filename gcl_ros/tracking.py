@@ -15,7 +15,6 @@ import numpy as np
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.node import Node
 
-from gcl_core import se3
 from gcl_core.errors import GclError
 from gcl_core.types import Registration
 from gcl_ros.conversions import fill_pose
@@ -150,14 +149,6 @@ class Tracking:
         return replace(
             result, T_target_source=together.T_target_source, covariance=together.covariance
         )
-
-    def heading_at(self, stamp: float) -> float | None:
-        """Yaw of the relative pose, radians; None unless a registration agreed with it lately."""
-        with self._lock:
-            estimate = self._filter.estimate
-            if estimate is None or stamp - self._filter.confirmed > self._config.max_coast:
-                return None
-            return se3.yaw(estimate.T_target_source)
 
     def deskewed(self, side: Side, message: Any) -> Swept:
         """Undo the vehicle's motion during a scan, as far as that can be done."""

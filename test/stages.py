@@ -57,7 +57,7 @@ def pair_stages(
 ) -> Iterator[tuple[str, Any]]:
     config = registrar.config
     if matches is None:
-        features = {'source': source.headings[0], 'target': target.headings[0]}
+        features = {'source': source.features, 'target': target.features}
         matches = match(**features, config=config.match)
     yield 'matches', matches
     for estimator in (EstimatorConfig(), EstimatorConfig(name='spatial_consistency')):
@@ -78,12 +78,12 @@ def pair_stages(
 def main() -> None:
     folder, weights, precision, *threads = sys.argv[1:]
     source, target = (read_cloud(Path(folder) / f'{side}.npy') for side in ('source', 'target'))
-    registrar = Registrar(RegistrarConfig(weights=weights, precision=precision, turns=1))
+    registrar = Registrar(RegistrarConfig(weights=weights, precision=precision, headings=1))
     compiled, matches = library() is not None, None
     torch.set_num_threads(1)
     views = [registrar.view(cloud) for cloud in (source, target)]
     if not compiled:
-        seen = {'source': views[0].headings[0], 'target': views[1].headings[0]}
+        seen = {'source': views[0].features, 'target': views[1].features}
         matches = match(**seen, config=registrar.config.match)
     runs = []
     for count in map(int, threads):

@@ -38,15 +38,15 @@ def run(options: argparse.Namespace) -> Answer:
         for side, path in (('source', options.source), ('target', options.target))
     )
     registrar = Registrar(config)
-    result, *views = registrar.register_seen(source=source, target=target)
+    views = registrar.views(source=source, target=target)
+    result = registrar.register_views(source=views[0], target=views[1])
     T = result.T_target_source
     if options.aligned and T is not None:
         write_cloud(options.aligned, source.moved(T))
     if options.picture or options.rerun:
         matches = None
         if T is not None:
-            turned, still = views
-            matches = agreeing(T, source=turned, target=still, config=registrar.config.match)
+            matches = agreeing(registrar, T, source=views[0], target=views[1])
         _show(options, source=source, target=target, T_target_source=T, matches=matches)
     text = to_json(_summary(result, layouts)) if options.json else _text(result)
     return Answer(text, 0 if result.accepted else 1)

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int64
 
 from gcl_core.estimation.likeness import KeypointGrid, likeness
 from gcl_core.estimation.surface import Surface
 from gcl_core.estimation.verify import verify
-from gcl_core.types import Features
+from gcl_core.types import Heading
 
 SIGNS = {  # whether more of it speaks for a hypothesis or against
     'conflict': -1,
@@ -38,17 +39,14 @@ class Scene:
     Attributes:
         source: surfaces.
         target: surfaces.
-        headings: raised key points of the source as described at each heading, in the frame
-            turned by it.
-        turns: T_turned_source of each heading.
+        headings: of the source: raised key points as described at each.
         keypoints: the target's, by place.
         points: of the sparser scan.
     """
 
     source: Surface
     target: Surface
-    headings: list[Features]
-    turns: Float[torch.Tensor, 'turns 4 4']
+    headings: list[Heading]
     keypoints: KeypointGrid
     points: int
 
@@ -71,15 +69,12 @@ def evidence(
     T = T_target_source.double()
     fit = verify(T, source=scene.source, target=scene.target, tolerance=tolerance)
     alike, met = torch.zeros(len(T)), torch.zeros(len(T))
-    in_turned_frames = T[:, None] @ torch.linalg.inv(scene.turns)  # (h, turns, 4, 4)
     # The heading at which the source was described most like the target is what compares.
-    straightness = in_turned_frames[..., 0, 0] + in_turned_frames[..., 1, 1]
-    best = straightness.argmax(1)
-    for heading, features in enumerate(scene.headings):
-        rows = torch.nonzero(best == heading).squeeze(1)
+    best = nearest_heading(T, scene.headings)
+    for number, heading in enumerate(scene.headings):
+        rows = torch.nonzero(best == number).squeeze(1)
         if len(rows):
-            at = in_turned_frames[rows, heading]
-            alike[rows], met[rows] = likeness(at, features, scene.keypoints)
+            alike[rows], met[rows] = likeness(T[rows], heading.features, scene.keypoints)
     return torch.stack(
         [
             fit.conflict,
@@ -95,3 +90,13 @@ def evidence(
         ],
         1,
     )
+
+
+def nearest_heading(
+    T_target_source: Float[torch.Tensor, 'h 4 4'], headings: Sequence[Heading]
+) -> Int64[torch.Tensor, ' h']:
+    """Which heading turns the source most nearly as each transform does."""
+    x = T_target_source[:, 0, 0] + T_target_source[:, 1, 1]
+    y = T_target_source[:, 1, 0] - T_target_source[:, 0, 1]
+    alike = [x * math.cos(h.yaw) + y * math.sin(h.yaw) for h in headings]
+    return torch.stack(alike, 1).argmax(1)

@@ -3,27 +3,41 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
 from jaxtyping import Float, Int64
 
 from gcl_core.estimation.surface import SOLID_HEIGHT, grid_cell, grid_shape, neighbors
-from gcl_core.matching.keypoints import choose
+from gcl_core.matching.keypoints import spread
 from gcl_core.ops.ground import height_above_ground
 from gcl_core.ops.repeatable import gram, moved, product
-from gcl_core.types import Features
+from gcl_core.types import Features, Heading
 
 CELL = 1.0  # metres; two key points in one cell, or in neighbouring ones, lie together
 CHECKED = 1500  # key points of a scan that are checked, spread in space
 
 
-def raised(features: Features, limit: int | None = CHECKED) -> Features:
-    """Keep key points above the ground; ground looks like ground wherever it lies."""
-    scan = torch.zeros(len(features), dtype=torch.long)
-    rows = height_above_ground(features.points, scan) > SOLID_HEIGHT
-    kept = Features(features.points[rows], features.descriptors[rows].float())
-    return kept if limit is None else choose(kept, limit)
+def raised_rows(points: Float[torch.Tensor, 'n 3']) -> Int64[torch.Tensor, ' k']:
+    """Which key points lie above the ground; ground looks like ground wherever it lies."""
+    scan = torch.zeros(len(points), dtype=torch.long)
+    return torch.nonzero(height_above_ground(points, scan) > SOLID_HEIGHT).squeeze(1)
+
+
+def raised(headings: Sequence[Heading]) -> list[Heading]:
+    """Keep at most `CHECKED` key points of each heading, above the ground and spread in space."""
+    kept: list[Heading] = []
+    points, rows = None, torch.empty(0, dtype=torch.long)
+    for heading in headings:
+        features = heading.features
+        if features.points is not points:  # headings of one description share their key points
+            points = features.points
+            rows = raised_rows(points)
+            rows = rows[spread(points[rows], CHECKED)]
+        chosen = Features(features.points[rows], features.descriptors[rows].float())
+        kept.append(Heading(heading.yaw, chosen))
+    return kept
 
 
 @dataclass(frozen=True)
@@ -45,7 +59,8 @@ class KeypointGrid:
 
 def keypoint_grid(features: Features) -> KeypointGrid:
     """Index a target's key points."""
-    kept = raised(features, None)
+    rows = raised_rows(features.points)
+    kept = Features(features.points[rows], features.descriptors[rows].float())
     row = torch.full((math.prod(grid_shape(CELL)),), -1)
     cell, inside = grid_cell(kept.points.t(), CELL)
     index, cell = torch.nonzero(inside).squeeze(1), cell[inside]

@@ -18,7 +18,7 @@ class Row:
 
     Attributes:
         kind: of pair.
-        turns: headings of the last look: all of them unless fewer were enough to accept.
+        headings: of the source that were searched: not all where fewer were enough to accept.
         distance: between the sensors, metres; None where no transform is right.
         accepted: by the registrar.
         probability: that it stated.
@@ -28,7 +28,7 @@ class Row:
     """
 
     kind: str
-    turns: int
+    headings: int
     distance: float | None
     accepted: bool
     probability: float
@@ -48,7 +48,7 @@ def by_kind(rows: list[Row]) -> list[dict[str, Any]]:
             {
                 'kind': kind,
                 'pairs': len(own),
-                'pairs_by_headings': dict(Counter(row.turns for row in own)),
+                'pairs_by_headings': dict(Counter(row.headings for row in own)),
                 'accepted': sum(row.accepted for row in own),
                 'wrong': wrong,
                 'beyond_2m_5deg': sum(row.accepted and not row.near for row in own),

@@ -53,8 +53,7 @@ def group(registrar: Registrar, number: int, sensor: str = 'hdl64e') -> Iterator
     """404 pairs among the scans of six streets of one kind and four special places.
 
     Args:
-        registrar: describes sources at all its headings; those of the vehicles are such that it
-            may find what is there.
+        registrar: describes; the headings of the vehicles are such that it may find what is there.
         number: of the group; everything follows from it.
         sensor: on all vehicles.
     """
@@ -103,19 +102,18 @@ class Street:
         bins = rng.permutation([5, 10, 20, 30, 40])[:3]
         away = [float(rng.uniform(low, min(2 * low, low + 10))) for low in bins]
         self._near = [self._middle + round(d * rng.choice([-1, 1])) for d in away]
-        self.targets = [self._see(i, turns=1) for i in (self._middle, 2)]
+        self.targets = [self._see(i, headings=1) for i in (self._middle, 2)]
         self.sources = [self._see(i) for i in (*self._near, len(self._drive) - 3)]
 
     def _see(
-        self, index: int, *, turns: int | None = None, change: np.ndarray | None = None
+        self, index: int, *, headings: int | None = None, change: np.ndarray | None = None
     ) -> Seen:
-        turns = turns or self._registrar.config.turns
         return see(
             self._registrar,
             self._drive,
             index,
             self._rng,
-            turns=turns,
+            headings=headings or self._registrar.config.headings,
             yaw=self._yaw,
             change=change,
         )
@@ -143,8 +141,7 @@ class Street:
 def twice(registrar: Registrar, drive: Sequence, index: int) -> Case:
     """One cloud as two vehicles' clouds: the identity is right."""
     cloud = drive.scan(index)
-    source = registrar.view(cloud, turns=registrar.config.turns)
-    return Case('one cloud twice', source, registrar.view(cloud), np.eye(4))
+    return Case('one cloud twice', registrar.view(cloud), registrar.view(cloud), np.eye(4))
 
 
 def repeated(
@@ -152,14 +149,14 @@ def repeated(
 ) -> Iterator[Case]:
     """A street of one house: pairs along it, and with the parallel street."""
     drive = RepeatedSequence(seed, sensor=sensor)
-    half, turns = len(drive) // 2, registrar.config.turns
+    half, headings = len(drive) // 2, registrar.config.headings
     yaw = float(rng.uniform(-np.pi, np.pi))
     middles = half // 2 + rng.integers(-10, 10, 3)
     targets = [see(registrar, drive, int(i), rng, yaw=yaw) for i in middles]
     along = half // 2 + rng.uniform(5, 50, 4) * rng.choice([-1, 1], 4)
     for place, kind in ((along, 'repeated facades'), (along + half, 'parallel street')):
         for index in place.astype(int).tolist():
-            source = see(registrar, drive, index, rng, turns=turns, yaw=yaw)
+            source = see(registrar, drive, index, rng, headings=headings, yaw=yaw)
             yield from (between(kind, source, target) for target in targets)
 
 
@@ -169,8 +166,8 @@ def barren(
     """Pairs 5 to 50 m apart in a tunnel or on an empty field."""
     drive = BarrenSequence(seed, kind, sensor=sensor)
     yaw = float(rng.uniform(-np.pi, np.pi))
-    middle, turns = len(drive) // 2, registrar.config.turns
+    middle, headings = len(drive) // 2, registrar.config.headings
     targets = [see(registrar, drive, i, rng, yaw=yaw) for i in (middle, middle + 7)]
     for away in rng.uniform(5, 50, 4) * rng.choice([-1, 1], 4):
-        source = see(registrar, drive, int(middle + away), rng, turns=turns, yaw=yaw)
+        source = see(registrar, drive, int(middle + away), rng, headings=headings, yaw=yaw)
         yield from (between(kind, source, target) for target in targets)

@@ -7,7 +7,9 @@ import torch
 from jaxtyping import Float
 
 from gcl_core import se3
-from gcl_core.matching.match import MatchConfig, match
+from gcl_core.estimation.evidence import nearest_heading
+from gcl_core.matching.match import match
+from gcl_core.registrar import Registrar
 from gcl_core.types import Correspondences
 from gcl_core.view import View
 
@@ -15,17 +17,23 @@ REACH = 1.0  # metres between a match's two points after the transform
 
 
 def agreeing(
-    T_target_source: Float[np.ndarray, '4 4'], *, source: View, target: View, config: MatchConfig
+    registrar: Registrar,
+    T_target_source: Float[np.ndarray, '4 4'],
+    *,
+    source: View,
+    target: View,
 ) -> Correspondences:
-    """Match anew at the heading nearest to the transform's; keep what lies within `REACH`.
+    """Match again at the transform's heading; keep what lies within `REACH`.
 
     Both ends are in their scan's own frame, metres.
     """
-    turns = [turn.numpy() @ source.T_view_lidar for turn in source.turns]
-    T_view_source = target.T_view_lidar @ T_target_source
-    at = int(np.argmin([abs(se3.yaw(T_view_source @ se3.inverse(turn))) for turn in turns]))
-    matches = match(source=source.headings[at], target=target.headings[0], config=config)
-    own = se3.transform(se3.inverse(turns[at]), matches.source.double().numpy())
+    T = target.T_view_lidar @ T_target_source @ se3.inverse(source.T_view_lidar)
+    yaw = se3.yaw(T)
+    heading = source.headings[int(nearest_heading(torch.from_numpy(T)[None], source.headings))]
+    if abs(np.angle(np.exp(1j * (yaw - heading.yaw)))) > registrar.max_yaw:
+        heading = registrar.model.describe_headings(source.cloud, yaw)[0]
+    matches = match(source=heading.features, target=target.features, config=registrar.config.match)
+    own = se3.transform(se3.inverse(source.T_view_lidar), matches.source.double().numpy())
     other = se3.transform(se3.inverse(target.T_view_lidar), matches.target.double().numpy())
     gap = np.linalg.norm(se3.transform(T_target_source, own) - other, axis=1)
     close = torch.from_numpy(gap < REACH)

@@ -19,16 +19,17 @@ from gcl_core.errors import GclError, bad_input_exits
 from gcl_core.estimation.confidence import Calibration, Stage, save_calibration
 from gcl_core.estimation.evidence import SIGNS
 from gcl_core.estimation.fit_judges import fit_choice, fit_judge, fit_trust
-from gcl_core.evaluation.encounters import encounters, few_turns
+from gcl_core.evaluation.encounters import encounters
 from gcl_core.evaluation.reliability import fit_spread, joined, report, verdicts
 from gcl_core.evaluation.trials import GATE_MARGIN, Trial, load_trials, save_trials
 from gcl_core.files import check_writable, sha256
 from gcl_core.models import zoo
+from gcl_core.models.backbone import QUARTER_TURNS
 from gcl_core.progress import progress
 from gcl_core.registrar import Registrar, RegistrarConfig
 
 REPEATED_WEIGHT = 1 / 3  # every fourth world repeats one house; fewer streets do
-ALL_TURNS_EVERY = 5  # worlds: one at all headings, the others at few
+ALL_HEADINGS_EVERY = 5  # worlds: one at all headings, the others at quarter turns
 FOLDS = 3  # of the worlds, each judged by what was fitted on the others
 NO_GATE = -1e3  # log odds that nothing falls below
 FIRST_WORLD = 700_000_000  # training takes worlds from its seed x 1,000,000 on
@@ -41,15 +42,16 @@ def collect(
     import time
 
     check_writable(folder / 'world')
-    began, turns, few = time.monotonic(), registrar.config.turns, few_turns(registrar)
+    began = time.monotonic()
+    every = registrar.config.headings if registrar.model.config.align else 1
     for number in progress(range(first, last), unit='world'):
         path = folder / f'world_{number:05d}.safetensors'
         if path.exists():
             continue
         if time.monotonic() - began > limit:
             break
-        all_turns = number % ALL_TURNS_EVERY == 1
-        registrar.config = replace(registrar.config, turns=turns if all_turns else few)
+        headings = every if number % ALL_HEADINGS_EVERY == 1 else min(every, len(QUARTER_TURNS))
+        registrar.config = replace(registrar.config, headings=headings)
         trials = list(encounters(registrar, FIRST_WORLD + number))
         save_trials(path, trials)
 

@@ -8,17 +8,18 @@ from dataclasses import dataclass, replace
 from typing import Any, cast
 
 import numpy as np
-import torch
 from jaxtyping import Float
 
 from gcl_core import se3
 from gcl_core.estimation.refine import prepare, refine
+from gcl_core.estimation.search import Search
 from gcl_core.evaluation.peers import fpfh_features
 from gcl_core.evaluation.predict import Outcome
 from gcl_core.matching.match import MatchConfig
-from gcl_core.registrar import Registrar, RegistrarConfig, search_headings
+from gcl_core.models import zoo
+from gcl_core.registrar import Registrar, RegistrarConfig
 from gcl_core.stopwatch import Stopwatch
-from gcl_core.types import Features, PointCloud
+from gcl_core.types import Features, Heading, PointCloud
 
 PAPER = 'paper'  # Open3D's RANSAC on the paper's matches: one-way, 5,000 random key points
 PAPER_MATCHES = MatchConfig(kind='one_way', keypoints=5000, spread=False)
@@ -38,34 +39,35 @@ class Described:
     """Both scans of a pair, described by one kind of features.
 
     Attributes:
-        headings: features of the source in the frames turned by `turns`.
-        turns: T_turned_source of each heading.
-        target: features of the target in the frame turned by `T_turned_target`.
-        T_turned_target: turn of the target.
-        max_yaw: largest heading that is left between the turned scans, radians.
+        headings: of the source, in its view frame.
+        target: features, in its view frame.
+        T_view_source, T_view_target: what leads to those frames.
+        max_yaw: largest heading that is left between a turned source and the target, radians.
     """
 
-    headings: list[Features]
-    turns: Float[torch.Tensor, 'turns 4 4']
+    headings: tuple[Heading, ...]
     target: Features
-    T_turned_target: Float[np.ndarray, '4 4']
+    T_view_source: Float[np.ndarray, '4 4']
+    T_view_target: Float[np.ndarray, '4 4']
     max_yaw: float
 
 
 def best_hypothesis(pair: Described, config: RegistrarConfig) -> Float[np.ndarray, '4 4'] | None:
     """Match and estimate at every heading; T_target_source of most support."""
-    found, _ = search_headings(
-        pair.headings,
-        pair.turns,
-        pair.target,
-        config,
+    search = Search(
+        target=pair.target,
+        matching=config.match,
+        estimator=config.estimator,
+        max_distance=config.max_distance,
         max_yaw=np.pi if config.match == PAPER_MATCHES else pair.max_yaw,  # the paper has no limit
+        dtype=zoo.dtype_named(config.precision),
         watch=Stopwatch(),
     )
+    found, _ = search.at(pair.headings)
     if not found:
         return None
     T = max(found, key=lambda hypothesis: hypothesis.score).T_target_source.numpy()
-    return np.asarray(se3.inverse(pair.T_turned_target) @ T)
+    return np.asarray(se3.inverse(pair.T_view_target) @ T @ pair.T_view_source)
 
 
 @dataclass(frozen=True)
@@ -106,13 +108,14 @@ class Comparison:
 def describe(registrar: Registrar, kind: str, source: PointCloud, target: PointCloud) -> Described:
     """Describe a pair by `ours` or `fpfh`."""
     if kind == 'fpfh':  # does not depend on the heading
-        alone = torch.eye(4).double()[None]
-        return Described([fpfh_features(source)], alone, fpfh_features(target), np.eye(4), np.pi)
+        alone = (Heading(0.0, fpfh_features(source)),)
+        return Described(alone, fpfh_features(target), np.eye(4), np.eye(4), np.pi)
     view, seen = registrar.views(source=source, target=target)
+    *_, every = registrar.looks(source=view, target=seen)
     return Described(
-        headings=view.headings,
-        turns=view.turns @ torch.from_numpy(view.T_view_lidar),
-        target=seen.headings[0],
-        T_turned_target=seen.T_view_lidar,
-        max_yaw=registrar.max_heading(registrar.config.turns),
+        headings=every.headings,
+        target=seen.features,
+        T_view_source=view.T_view_lidar,
+        T_view_target=seen.T_view_lidar,
+        max_yaw=registrar.max_yaw,
     )

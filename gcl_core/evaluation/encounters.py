@@ -15,7 +15,7 @@ from gcl_core.data.sequence import Sequence
 from gcl_core.data.simulator.sequence import SimulatedSequence
 from gcl_core.evaluation.barren import BarrenSequence
 from gcl_core.evaluation.repeated import RepeatedSequence
-from gcl_core.evaluation.trials import Trial, blurred, run_trial
+from gcl_core.evaluation.trials import Trial, blurred, run_trials
 from gcl_core.registrar import Registrar
 from gcl_core.types import PointCloud
 from gcl_core.view import View
@@ -74,21 +74,13 @@ def both_ways(seed: int, sensor: str) -> list[Sequence]:
     ]
 
 
-def few_turns(registrar: Registrar) -> int:
-    """Headings that are enough for scans whose headings differ as `see` makes them.
-
-    A network that turns scans to their street sees it along or across, one way or the other.
-    """
-    return registrar.config.looks[0] if registrar.model.config.align else 1
-
-
 def see(
     registrar: Registrar,
     drive: Sequence,
     index: int,
     rng: np.random.Generator,
     *,
-    turns: int = 1,
+    headings: int = 1,
     yaw: float = 0.0,
     change: Float[np.ndarray, '3 3'] | None = None,
 ) -> Seen:
@@ -99,13 +91,13 @@ def see(
         drive: source of the scan.
         index: of the scan.
         rng: of tilt, turn and noise.
-        turns: headings that it is described at.
+        headings: of the vehicle, evenly spaced, one of which is drawn.
         yaw: of the turned vehicle in the world, radians, but for what two scans may differ by.
         change: what a stranger does to the points in the end, such as to mirror them; the pose
             follows if it is a rotation.
     """
     off = np.deg2rad(registrar.model.config.max_yaw_deg) / 2
-    ahead = yaw + rng.uniform(-off, off) + 2 * np.pi * rng.integers(turns) / turns
+    ahead = yaw + rng.uniform(-off, off) + 2 * np.pi * rng.integers(headings) / headings
     turn = se3.from_xyz_rpy(
         roll=rng.normal() * TILT,
         pitch=rng.normal() * TILT,
@@ -116,7 +108,7 @@ def see(
         turn[:3] = change @ turn[:3]
     moved = PointCloud((cloud.points @ turn[:3, :3].T + turn[:3, 3]).astype(np.float32))
     T_world_lidar = drive.T_world_lidar(index) @ np.linalg.inv(turn)
-    return Seen(registrar.view(moved, turns=turns), T_world_lidar)
+    return Seen(registrar.view(moved), T_world_lidar)
 
 
 @dataclass(frozen=True)
@@ -169,10 +161,12 @@ def targets_of(registrar: Registrar, seed: int) -> list[Seen]:
 
 
 def sources_of(registrar: Registrar, seed: int) -> list[Seen]:
-    """The four sources of a world, described at the registrar's number of headings."""
+    """The four sources of a world, at headings that the registrar searches."""
     rng, own = np.random.default_rng([seed, 14]), world(seed)
-    turns = registrar.config.turns
-    return [see(registrar, drive, i, rng, turns=turns, yaw=own.yaw) for drive, i in own.sources]
+    headings = registrar.config.headings
+    return [
+        see(registrar, drive, i, rng, headings=headings, yaw=own.yaw) for drive, i in own.sources
+    ]
 
 
 def encounters(registrar: Registrar, seed: int) -> Iterator[Trial]:
@@ -191,12 +185,10 @@ def encounters(registrar: Registrar, seed: int) -> Iterator[Trial]:
             stranger = number >= len(targets)
             T_true = se3.inverse(target.T_world_lidar) @ source.T_world_lidar
             sigma = float(rng.uniform(0, MAX_BLUR))
-            trial = run_trial(
+            yield from run_trials(
                 registrar,
                 source=blurred(source.view, sigma, generator),
                 target=target.view,
                 T_true=None if stranger else T_true,
                 kind='unrelated' if stranger else world(seed).kind,
             )
-            if trial is not None:
-                yield trial

@@ -12,7 +12,7 @@ import argparse
 import json
 import time
 from collections.abc import Iterable
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 
 from gcl_core.data.simulator.sensors import SENSORS
@@ -25,18 +25,13 @@ from gcl_core.models import zoo
 from gcl_core.progress import progress
 from gcl_core.provenance import provenance_for
 from gcl_core.registrar import Registrar, RegistrarConfig
-from gcl_core.view import View
 
 PAIRS = 404  # of a group
 
 
 def judge(registrar: Registrar, case: Case) -> Row:
-    """Register one pair as `Registrar.register` does: at all headings if at few it is refused."""
-    for turns in registrar.config.looks:
-        source = at_headings(case.source, turns)
-        result = registrar.register_views(source=source, target=case.target)
-        if result.accepted:
-            break
+    """Register one pair."""
+    result = registrar.register_views(source=case.source, target=case.target)
     T, true = result.T_target_source, case.T_true
     meets = [
         true is not None and metrics.registered(T, true, criterion)
@@ -45,7 +40,7 @@ def judge(registrar: Registrar, case: Case) -> Row:
     distance = None if true is None else round(float((true[:3, 3] ** 2).sum() ** 0.5), 2)
     return Row(
         case.kind,
-        turns,
+        result.headings,
         distance,
         result.accepted,
         round(result.probability, 5),
@@ -53,21 +48,6 @@ def judge(registrar: Registrar, case: Case) -> Row:
         meets[1],
         result.reason,
     )
-
-
-def at_headings(view: View, turns: int) -> View:
-    """A view as described at fewer headings, evenly spaced among its own.
-
-    Raises:
-        GclError: they are none of its own.
-    """
-    every, rest = divmod(len(view.headings), turns)
-    if rest:
-        raise GclError(
-            f'{turns} of {len(view.headings)} headings are not evenly spaced; let first_turns '
-            'divide turns'
-        )
-    return replace(view, headings=view.headings[::every], turns=view.turns[::every])
 
 
 def measure(
@@ -133,7 +113,7 @@ def run(o: argparse.Namespace) -> None:
             'calibration': sha256(judge_files[1]),
             'sensor': o.sensor,
             'min_probability': config.min_probability,
-            'headings': config.looks,
+            'headings': config.headings,
             'provenance': here,
             'by_kind': by_kind(rows),
             'true_by_distance': by_distance(rows),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -16,12 +16,13 @@ from safetensors.torch import save_file
 from gcl_core import se3
 from gcl_core.errors import GclError
 from gcl_core.estimation.decision import Finalist, examine, nothing_fits
+from gcl_core.estimation.hypothesis import Hypothesis
 from gcl_core.estimation.refine import Refined
 from gcl_core.evaluation import metrics
 from gcl_core.files import whole_file
 from gcl_core.registrar import Registrar
 from gcl_core.stopwatch import Stopwatch
-from gcl_core.types import Features
+from gcl_core.types import Features, Heading
 from gcl_core.view import View
 
 GATE_MARGIN = 1.0  # log odds below the gate that are refined all the same: to set a new one
@@ -64,29 +65,43 @@ def blurred(view: View, sigma: float, generator: torch.Generator) -> View:
         generator: of the noise.
     """
     headings = []
-    for features in view.headings:
-        noise = torch.randn(features.descriptors.shape, generator=generator)
-        descriptors = features.descriptors.float() + sigma * noise
-        headings.append(
-            Features(features.points, torch.nn.functional.normalize(descriptors, dim=1))
-        )
-    return replace(view, headings=headings)
+    for heading in view.headings:
+        points, descriptors = heading.features.points, heading.features.descriptors
+        noise = torch.randn(descriptors.shape, generator=generator)
+        noisy = torch.nn.functional.normalize(descriptors.float() + sigma * noise, dim=1)
+        headings.append(Heading(heading.yaw, Features(points, noisy)))
+    return replace(view, headings=tuple(headings))
 
 
-def run_trial(
+def run_trials(
     registrar: Registrar,
     *,
     source: View,
     target: View,
     T_true: Float[np.ndarray, '4 4'] | None,
     kind: str,
-) -> Trial | None:
-    """Register a pair as `Registrar.register_views` does; None if there was no hypothesis."""
+) -> Iterator[Trial]:
+    """Register a pair as `Registrar.register_views` does, at every look, accepted or not.
+
+    A look without a hypothesis is no trial.
+    """
     if T_true is not None:
         T_true = target.T_view_lidar @ T_true @ se3.inverse(source.T_view_lidar)
-    hypotheses, _ = registrar.search(source=source, target=target, watch=Stopwatch())
-    if not hypotheses:
-        return None
+    search = registrar.search(target, Stopwatch())
+    for look in registrar.looks(source=source, target=target):
+        hypotheses, _ = registrar.hypotheses(search, look)
+        if hypotheses:
+            yield _trial(registrar, hypotheses, look, target, T_true, kind)
+
+
+def _trial(
+    registrar: Registrar,
+    hypotheses: list[Hypothesis],
+    source: View,
+    target: View,
+    T_true: Float[np.ndarray, '4 4'] | None,
+    kind: str,
+) -> Trial:
     scene = registrar.scene(source=source, target=target)
     columns = examine(hypotheses, scene, registrar.config.verify)
     calibration = registrar.calibration

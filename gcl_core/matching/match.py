@@ -53,6 +53,8 @@ def match(
     p, q = source.descriptors.to(dtype), target.descriptors.to(dtype)
     if config.kind == 'mutual':
         rows, columns = mutual_nearest(p, q)
+        order = columns.argsort()  # the same however the source is turned
+        rows, columns = rows[order], columns[order]
     else:
         rows, columns = top_k(p, q, 1 if config.kind == 'one_way' else config.k)
     similarity = (source.descriptors[rows] * target.descriptors[columns]).sum(1)

@@ -35,6 +35,14 @@ def mutual_nearest(
     return rows, column[rows]
 
 
+def similarity_of_nearest(
+    source: Float[torch.Tensor, 'n d'], target: Float[torch.Tensor, 'm d']
+) -> Float[torch.Tensor, ' n']:
+    """Similarity of each source row's most similar target row; both have rows."""
+    value, *_ = nearest_rows(source, target) or _by_chunks(source, target)
+    return value
+
+
 def _by_chunks(
     source: Float[torch.Tensor, 'n d'], target: Float[torch.Tensor, 'm d']
 ) -> tuple[Float[torch.Tensor, ' n'], Int64[torch.Tensor, ' n'], Float[torch.Tensor, ' m']]:

@@ -18,7 +18,7 @@ from gcl_core import se3
 from gcl_core.ops.ground import height_above_ground
 from gcl_core.ops.heading import dominant_heading
 from gcl_core.ops.voxelize import voxelize
-from gcl_core.types import Features, PointCloud, SparseTensor
+from gcl_core.types import Features, Heading, PointCloud, SparseTensor
 
 HEIGHT_SCALE = 3.0  # metres; brings heights of cars and eaves to the size of the constant input
 HEIGHT_LIMIT = 12.0  # metres; above it a tree is a tree
@@ -114,10 +114,11 @@ class Backbone(nn.Module, ABC, Generic[Config, Inputs]):
         return self.describe_prepared(self.prepare(self.voxelize(clouds)))
 
     def describe_prepared(self, inputs: Inputs) -> list[Features]:
-        """Describe each scan of what `prepare` returned."""
+        """Describe each scan of what `prepare` returned; features come back to the CPU."""
         device = next(self.parameters()).device
         with torch.inference_mode():
             points, descriptors, splits = self(inputs.to(device))
+        points, descriptors = points.cpu(), descriptors.cpu()
         return [Features(points[a:b], descriptors[a:b]) for a, b in pairwise(splits)]
 
     def describe_facing(
@@ -128,35 +129,40 @@ class Backbone(nn.Module, ABC, Generic[Config, Inputs]):
         Raises:
             GclError: the scan has no point within `max_range`.
         """
-        seen = self.describe([cloud.moved(T_view_lidar)])[0]
-        own = se3.transform(se3.inverse(T_view_lidar), seen.points.numpy())
-        return Features(torch.from_numpy(own), seen.descriptors)
+        (seen,) = self.describe([cloud.moved(T_view_lidar)])
+        return Features(turned_back(seen.points, T_view_lidar), seen.descriptors)
 
-    def describe_turned(self, cloud: PointCloud, yaws: Sequence[float]) -> list[Features]:
-        """Describe a scan turned by each of some headings, radians, in the turned frames.
-
-        Raises:
-            GclError: the scan has no point within `max_range`.
-        """
-        quarters_by_rest: dict[float, list[int]] = {}
-        places = []  # which quarter turn of which rest each heading is
-        for quarters in (yaw / QUARTER for yaw in yaws):
-            rest = round(quarters % 1, 9) % 1  # what 1 - 1e-12 leaves is 0
-            turns = quarters_by_rest.setdefault(rest, [])
-            places.append((rest, len(turns)))
-            turns.append(round(quarters - rest))
-        described = {}
-        for rest, turns in quarters_by_rest.items():
-            T_turned_lidar = se3.from_xyz_rpy(yaw=rest * QUARTER)
-            turned = cloud.moved(T_turned_lidar)
-            described[rest] = self.describe_quarters(turned, turns)
-        return [described[rest][place] for rest, place in places]
-
-    def describe_quarters(self, cloud: PointCloud, quarters: Sequence[int]) -> list[Features]:
-        """Describe a scan turned by each of some numbers of quarter turns, in the turned frames.
+    def describe_headings(self, cloud: PointCloud, yaw: float = 0.0) -> list[Heading]:
+        """Describe a scan as turned by `yaw`, radians, and by the three quarter turns after it.
 
         Raises:
             GclError: the scan has no point within `max_range`.
         """
-        turned = (cloud.moved(QUARTER_TURNS[q % 4]) for q in quarters)
-        return [features for scan in turned for features in self.describe([scan])]
+        T_turned_lidar = se3.from_xyz_rpy(yaw=yaw)
+        quarters = self.describe_quarters(cloud.moved(T_turned_lidar) if yaw else cloud)
+        headings = []
+        for quarter, seen in enumerate(quarters):
+            points = seen.points
+            if yaw:
+                points = turned_back(points, T_turned_lidar)
+            headings.append(Heading(yaw + quarter * QUARTER, Features(points, seen.descriptors)))
+        return headings
+
+    def describe_quarters(self, cloud: PointCloud) -> list[Features]:
+        """Describe a scan as turned by each of the four quarter turns; key points stay unturned.
+
+        Raises:
+            GclError: the scan has no point within `max_range`.
+        """
+        described = []
+        for T_turned_lidar in QUARTER_TURNS:
+            (seen,) = self.describe([cloud.moved(T_turned_lidar)])
+            described.append(Features(turned_back(seen.points, T_turned_lidar), seen.descriptors))
+        return described
+
+
+def turned_back(
+    points: Float[torch.Tensor, 'n 3'], T_turned_lidar: Float[np.ndarray, '4 4']
+) -> Float[torch.Tensor, 'n 3']:
+    """Key points of a scan that was moved, in its own frame."""
+    return torch.from_numpy(se3.transform(se3.inverse(T_turned_lidar), points.numpy()))

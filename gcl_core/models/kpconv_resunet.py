@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, cast
 
@@ -11,7 +10,7 @@ from jaxtyping import Float
 from torch import nn
 
 from gcl_core.errors import GclError
-from gcl_core.models.backbone import Backbone, BackboneConfig
+from gcl_core.models.backbone import QUARTER_TURNS, Backbone, BackboneConfig, turned_back
 from gcl_core.models.blocks import Linear
 from gcl_core.models.kpconv_blocks import ConvNorm, ResidualBlock, Unary, leaky
 from gcl_core.ops.kernel_points import kernel_points
@@ -108,10 +107,13 @@ class KPConvResUNet(Backbone[KPConvConfig, PointPyramid]):
             voxels, cell=config.voxel_size, reach=config.radius, limits=config.limits
         )
 
-    def describe_quarters(self, cloud: PointCloud, quarters: Sequence[int]) -> list[Features]:
+    def describe_quarters(self, cloud: PointCloud) -> list[Features]:
         """Describe as `Backbone` does; the neighbours are searched once."""
-        prepared = self.prepare(self.voxelize([cloud]))
-        return [f for q in quarters for f in self.describe_prepared(prepared.turned(q))]
+        prepared, described = self.prepare(self.voxelize([cloud])), []
+        for quarter, T_turned_lidar in enumerate(QUARTER_TURNS):
+            (seen,) = self.describe_prepared(prepared.turned(quarter))
+            described.append(Features(turned_back(seen.points, T_turned_lidar), seen.descriptors))
+        return described
 
     def forward(
         self, inputs: PointPyramid

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Literal
@@ -12,7 +11,7 @@ from jaxtyping import Float
 from torch import nn
 
 from gcl_core.errors import GclError
-from gcl_core.models.backbone import QUARTER_TURNS, Backbone, BackboneConfig
+from gcl_core.models.backbone import Backbone, BackboneConfig
 from gcl_core.models.blocks import ConvNorm, Linear, ResidualBlock
 from gcl_core.ops.kernel_map import KernelShape, build_pyramid
 from gcl_core.ops.quarter_turns import TURNS, QuarterTurnLinear, join_blocks, roll_blocks
@@ -127,16 +126,12 @@ class ResUNet(Backbone[ResUNetConfig, SparseTensor]):
         """Nothing: the kernel maps are made where the network computes."""
         return voxels
 
-    def describe_quarters(self, cloud: PointCloud, quarters: Sequence[int]) -> list[Features]:
-        """Describe as `Backbone` does; with `quarter_turns` once for all."""
+    def describe_quarters(self, cloud: PointCloud) -> list[Features]:
+        """Describe as `Backbone` does; with `quarter_turns` in one pass."""
         if not self.config.quarter_turns:
-            return super().describe_quarters(cloud, quarters)
+            return super().describe_quarters(cloud)
         (own,) = self.describe([cloud])
-        turns = torch.from_numpy(QUARTER_TURNS[:, :3, :3]).to(own.points)
-        return [
-            Features(own.points @ turns[q % 4].t(), roll_blocks(own.descriptors, q))
-            for q in quarters
-        ]
+        return [Features(own.points, roll_blocks(own.descriptors, q)) for q in range(TURNS)]
 
     def forward(
         self, inputs: SparseTensor

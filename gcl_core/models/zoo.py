@@ -141,3 +141,17 @@ def dtype_named(precision: str) -> torch.dtype:
     if precision not in names:
         raise GclError(f'precision is {precision!r}; choose one of {", ".join(names)}')
     return names[precision]
+
+
+def device_named(device: str) -> torch.device:
+    """Device of `auto`, `cpu` or `cuda`.
+
+    Raises:
+        GclError: another name, or a GPU where torch finds none.
+    """
+    found = torch.cuda.is_available()
+    if device not in ('auto', 'cpu', 'cuda'):
+        raise GclError(f'device is {device!r}; choose auto, cpu or cuda')
+    if device == 'cuda' and not found:
+        raise GclError('device is cuda, but torch finds no GPU; take auto or cpu')
+    return torch.device('cuda' if found and device != 'cpu' else 'cpu')

@@ -16,7 +16,7 @@ from gcl_ros.soak.faults import Fault
 
 BUSY = 'while True: pass'
 FULL = 4096  # bytes that a file may have when the disk is full
-PARAMETERS = {'max_pair_dt': 0.05, 'registrar.turns': 1, 'max_points': 400_000}
+PARAMETERS = {'max_pair_dt': 0.05, 'registrar.headings': 1, 'max_points': 400_000}
 RECORDED = 120  # seconds for a recording without room to end, in the end
 
 

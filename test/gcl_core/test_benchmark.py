@@ -207,7 +207,7 @@ def test_sets_are_named_limited_and_turned_alike_however_they_are_run():
 
 
 def test_ours_gives_both_answers_of_one_registration(drive):
-    config = Ours(registrar=RegistrarConfig(turns=1, min_probability=1.0), give=GIVE)
+    config = Ours(registrar=RegistrarConfig(headings=1, min_probability=1.0), give=GIVE)
     accepted, best = ready(config)(drive.scan(98), drive.scan(90))
     assert [accepted.method, best.method] == list(config.estimators)
     assert accepted.T_target_source is None

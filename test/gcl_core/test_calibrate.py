@@ -30,7 +30,7 @@ from gcl_core.evaluation.trials import (
     blurred,
     error,
     load_trials,
-    run_trial,
+    run_trials,
     save_trials,
 )
 from gcl_core.files import sha256
@@ -40,7 +40,7 @@ from gcl_core.registrar import Registrar, RegistrarConfig
 
 @pytest.fixture(scope='module')
 def registrar():
-    return Registrar(RegistrarConfig(turns=1))
+    return Registrar(RegistrarConfig(headings=1))
 
 
 def finalist(rng, right, row, residual):
@@ -156,11 +156,11 @@ def test_trial_of_a_pair_knows_which_finalist_is_right(registrar, drive):
     T = se3.inverse(drive.T_world_lidar(90)) @ drive.T_world_lidar(98)
     source = blurred(registrar.view(drive.scan(98)), 0.02, torch.Generator().manual_seed(0))
     views = {'source': source, 'target': registrar.view(drive.scan(90))}
-    trial = run_trial(registrar, **views, T_true=T, kind='street')
+    (trial,) = run_trials(registrar, **views, T_true=T, kind='street')
     assert bool(trial.right.any())
     assert bool(trial.strict.any())
     assert trial.distance == pytest.approx(8.0, abs=0.5)
-    stranger = run_trial(registrar, **views, T_true=None, kind='unrelated')
+    (stranger,) = run_trials(registrar, **views, T_true=None, kind='unrelated')
     assert not bool(stranger.right.any() or stranger.strict.any())
 
 
@@ -193,7 +193,7 @@ def test_places_that_look_alike_are_tried_within_sight_and_out_of_it(registrar, 
 
 
 def test_trials_of_a_world_do_not_depend_on_what_ran_before(registrar, monkeypatch):
-    monkeypatch.setattr(encounters_module, 'run_trial', lambda _, **pair: pair)
+    monkeypatch.setattr(encounters_module, 'run_trials', lambda _, **pair: [pair])
     after_another = [list(encounters(registrar, seed)) for seed in (21, 22)][1]
     for cached in (targets_of, world):
         cached.cache_clear()
@@ -202,7 +202,7 @@ def test_trials_of_a_world_do_not_depend_on_what_ran_before(registrar, monkeypat
     assert {t['kind'] for t in alone} == {'street', 'unrelated'}
     for a, b in zip(alone, after_another):
         for side in ('source', 'target'):
-            features = a[side].headings[0], b[side].headings[0]
+            features = a[side].features, b[side].features
             assert torch.equal(features[0].descriptors, features[1].descriptors)
 
 

@@ -30,7 +30,7 @@ ROOT = Path(__file__).parents[2]
 
 @pytest.fixture(scope='module')
 def registrar():
-    return Registrar(RegistrarConfig(turns=1))
+    return Registrar(RegistrarConfig(headings=1))
 
 
 @pytest.mark.parametrize('weights', sorted(p.stem for p in zoo.FOLDER.glob('*.safetensors')))
@@ -39,7 +39,8 @@ def test_shipped_weights_are_calibrated(weights):
 
 
 INDIFFERENT = {
-    'turns': 4,
+    'headings': 4,
+    'device': 'cpu',
     'max_distance': 50.0,
     'min_probability': 0.5,
     'precision': 'float32',
@@ -90,7 +91,7 @@ def test_the_calibration_of_other_weights_is_named_so(beside, tmp_path, drive):
     own = copied(tmp_path, calibration=beside)
     assert Registrar(RegistrarConfig(weights=own)).uncalibrated == ''  # the same file elsewhere
     changed(own)
-    registrar = Registrar(RegistrarConfig(weights=own, turns=1))
+    registrar = Registrar(RegistrarConfig(weights=own, headings=1))
     assert 'no calibration of their own' in registrar.uncalibrated
     result = registrar.register(source=drive.scan(98), target=drive.scan(90))
     assert (result.accepted, result.calibrated) == (True, False)
@@ -158,7 +159,7 @@ def test_precision_reaches_the_search_in_feature_space(precision, drive, monkeyp
     seen, search = [], match.mutual_nearest
     noted = lambda p, q: seen.append(p.dtype) or search(p, q)  # noqa: E731
     monkeypatch.setattr(match, 'mutual_nearest', noted)
-    registrar = Registrar(RegistrarConfig(turns=1, precision=precision))
+    registrar = Registrar(RegistrarConfig(headings=1, precision=precision))
     registrar.register(source=drive.scan(98), target=drive.scan(90))
     assert {str(dtype) for dtype in seen} == {f'torch.{precision}'}
 

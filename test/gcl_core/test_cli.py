@@ -18,7 +18,7 @@ def pair(tmp_path_factory, drive):
     folder = tmp_path_factory.mktemp('pair')
     write_cloud(folder / 'target.bin', drive.scan(90))
     write_cloud(folder / 'source.ply', drive.scan(98))
-    (folder / 'fast.yaml').write_text('turns: 1\n')
+    (folder / 'fast.yaml').write_text('headings: 1\n')
     return folder
 
 
@@ -94,7 +94,7 @@ def test_evaluate_prints_a_table(tmp_path, pair, capsys):
     assert '| GCL-ROS | 5–10 | 1 |' in capsys.readouterr().out
     result = json.loads((tmp_path / 'results.json').read_text())
     assert [row['pairs'] for row in result['rows']] == [1] * 5
-    assert result['config']['methods'][0]['registrar']['turns'] == 1
+    assert result['config']['methods'][0]['registrar']['headings'] == 1
 
 
 @pytest.fixture(scope='module')
@@ -185,7 +185,7 @@ def test_train_writes_weights_that_register_reads(tmp_path, pair, capsys, shape)
     assert main(['train', *arguments]) == 0
     assert (tmp_path / 'run/curves.png').exists()
     weights = tmp_path / 'run/weights.safetensors'
-    (tmp_path / 'own.yaml').write_text(f'weights: {weights}\nturns: 1\nmin_probability: 1.0\n')
+    (tmp_path / 'own.yaml').write_text(f'weights: {weights}\nheadings: 1\nmin_probability: 1.0\n')
     files = [str(pair / 'source.ply'), str(pair / 'target.bin')]
     assert main(['register', *files, '--config', str(tmp_path / 'own.yaml')]) == 1
     out = capsys.readouterr().out

@@ -13,19 +13,19 @@ CONFIG = Path(__file__).parents[2] / 'config'
 
 
 def test_nested_values_and_defaults():
-    values = {'turns': 3, 'estimator': {'ransac': {'threshold': 1}}}
+    values = {'headings': 4, 'estimator': {'ransac': {'threshold': 1}}}
     config = from_mapping(RegistrarConfig, values, 'x')
-    assert (config.turns, config.estimator.ransac.threshold) == (3, 1.0)
+    assert (config.headings, config.estimator.ransac.threshold) == (4, 1.0)
     assert config.min_probability == RegistrarConfig().min_probability
 
 
 @pytest.mark.parametrize(
     ('values', 'message'),
     [
-        ({'turn': 3}, "unknown key 'turn'"),
-        ({'turns': 'many'}, "turns: expected int, got 'many'"),
-        ({'turns': True}, 'turns: expected int'),
-        ({'turns': 0}, 'turns is 0'),
+        ({'turns': 12}, "unknown key 'turns'"),
+        ({'headings': 'many'}, "headings: expected int, got 'many'"),
+        ({'headings': True}, 'headings: expected int'),
+        ({'headings': 0}, 'headings is 0'),
         ({'estimator': 3}, 'estimator: expected a mapping'),
         ({'estimator': {'name': 'best'}}, "'best' is none of ransac, spatial_consistency"),
         ({'estimator': {'ransac': {'model': 'best'}}}, "'best' is none of level, rigid"),

@@ -2,12 +2,12 @@
 
 import argparse
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from gcl_core import se3
+from gcl_core.data.simulator.sequence import SimulatedSequence
 from gcl_core.errors import GclError
 from gcl_core.evaluation import adversaries, false_accepts
 from gcl_core.evaluation.accept_tables import Row, by_distance, by_kind, markdown
@@ -18,26 +18,22 @@ from gcl_core.registrar import Registrar, RegistrarConfig
 
 @pytest.fixture(scope='module')
 def registrar():
-    return Registrar(RegistrarConfig(turns=1))
+    return Registrar(RegistrarConfig(headings=1))
 
 
 def row(kind='unrelated', accepted=False, right=False, near=False, distance=None):
     return Row(kind, 1, distance, accepted, 0.99 if accepted else 0.1, right, near, '')
 
 
-def test_what_few_headings_refuse_is_looked_at_with_all(drive):
-    """As in `Registrar.register`: headings that are 30 degrees off find it among twelve alone."""
+def test_a_case_takes_the_whole_way(drive):
     registrar = Registrar()
-    source = registrar.view(drive.scan(120), turns=12)
-    T_true = se3.inverse(drive.T_world_lidar(90)) @ drive.T_world_lidar(120)
-    first = adversaries.Case('true', source, registrar.view(drive.scan(90)), T_true)
-    headings = [*source.headings[1:], source.headings[0]]
-    off = replace(source, headings=headings, turns=source.turns.roll(-1, 0))
-    looked = [false_accepts.judge(registrar, case) for case in (first, replace(first, source=off))]
-    assert [row.turns for row in looked] == [4, 12]
-    assert all(row.accepted and row.right for row in looked)
-    with pytest.raises(GclError, match='divide'):
-        false_accepts.at_headings(source, 5)
+    T_true = se3.inverse(drive.T_world_lidar(90)) @ drive.T_world_lidar(98)
+    source, target = registrar.views(source=drive.scan(98), target=drive.scan(90))
+    row = false_accepts.judge(registrar, adversaries.Case('true', source, target, T_true))
+    assert (row.headings, row.accepted, row.right) == (1, True, True)
+    other = registrar.view(SimulatedSequence(8).scan(60))
+    row = false_accepts.judge(registrar, adversaries.Case('unrelated', other, target, None))
+    assert (row.headings, row.accepted, row.right) == (12, False, False)
 
 
 def test_tables_count_what_they_say():
@@ -59,8 +55,7 @@ def test_a_run_goes_on_where_it_was_stopped(registrar, tmp_path, monkeypatch, ca
     def few(registrar, number, sensor):
         made.append(number)
         drive = BarrenSequence(number, 'field', sensor=sensor)
-        turns = registrar.config.turns
-        view = see(registrar, drive, 60, np.random.default_rng(0), turns=turns).view
+        view = see(registrar, drive, 60, np.random.default_rng(0)).view
         yield adversaries.Case('field', view, view, None)
 
     monkeypatch.setattr(false_accepts, 'group', few)

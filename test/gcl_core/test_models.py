@@ -48,15 +48,20 @@ def test_a_scan_is_described_the_same_alone_and_in_a_batch(tiny_network):
         torch.testing.assert_close(alone.descriptors, batched.descriptors, atol=1e-5, rtol=1e-4)
 
 
-def test_a_turned_scan_is_described_in_the_turned_frame(tiny_network):
+@pytest.mark.parametrize('yaw', [0.0, 0.3])
+def test_a_scan_is_described_as_turned_and_keeps_its_frame(tiny_network, yaw):
     points = np.random.default_rng(2).uniform(-4, 4, (300, 3)).astype(np.float32)
-    model, yaws = tiny_network.eval(), [0.0, 0.3, np.pi / 2, 0.3 + np.pi, -np.pi / 2]
-    for yaw, found in zip(yaws, model.describe_turned(PointCloud(points), yaws), strict=True):
-        turned = PointCloud(se3.transform(se3.from_xyz_rpy(yaw=yaw), points))
-        (expected,) = model.describe([turned])
-        same = torch.cdist(found.points, expected.points).argmin(1)
+    model = tiny_network.eval()
+    headings = model.describe_headings(PointCloud(points), yaw)
+    assert [h.yaw for h in headings] == pytest.approx([yaw + k * np.pi / 2 for k in range(4)])
+    for heading in headings:
+        T_turned_lidar = se3.from_xyz_rpy(yaw=heading.yaw)
+        (expected,) = model.describe([PointCloud(se3.transform(T_turned_lidar, points))])
+        own = torch.from_numpy(se3.transform(se3.inverse(T_turned_lidar), expected.points.numpy()))
+        found = heading.features
+        same = torch.cdist(found.points, own).argmin(1)
         assert len(same.unique()) == len(expected)
-        torch.testing.assert_close(found.points, expected.points[same], atol=1e-5, rtol=0)
+        torch.testing.assert_close(found.points, own[same], atol=1e-5, rtol=0)
         wanted = expected.descriptors[same]
         torch.testing.assert_close(found.descriptors, wanted, atol=1e-3, rtol=0)
 
@@ -146,7 +151,7 @@ def test_untrained_networks_register_a_scan_with_itself(tmp_path, tiny_network, 
     """Registrar and both backbones: the same code, whichever network the weights name."""
     path = tmp_path / 'w.safetensors'
     zoo.save_weights(path, tiny_network, {})
-    registrar = Registrar(RegistrarConfig(weights=str(path), turns=1))
+    registrar = Registrar(RegistrarConfig(weights=str(path), headings=1))
     points = drive.scan(90).points
     scan = PointCloud(points[np.linalg.norm(points, axis=1) < 12.0])
     result = registrar.register(source=scan, target=scan)

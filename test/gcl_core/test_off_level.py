@@ -11,7 +11,7 @@ from gcl_core.types import PointCloud
 
 @pytest.fixture(scope='module')
 def registrar():
-    return Registrar(RegistrarConfig(turns=1))
+    return Registrar(RegistrarConfig(headings=1))
 
 
 @pytest.mark.parametrize('tilt_deg', [{'roll': 6.0}, {'pitch': 6.0}])

@@ -20,7 +20,7 @@ def pair(tmp_path_factory, drive):
     rows = np.hstack([points, spare, spare * 0, spare * 9])
     (folder / 'target.bin').write_bytes(rows.astype(np.float32).tobytes())
     write_cloud(folder / 'far.pcd', PointCloud(points + np.float32(1e5)))
-    (folder / 'fast.yaml').write_text('turns: 1\n')
+    (folder / 'fast.yaml').write_text('headings: 1\n')
     (folder / 'text').write_text('')
     return folder
 

@@ -58,7 +58,7 @@ def test_packed_scans_register(tmp_path, drive, capsys):
     for side, index in (('source', 98), ('target', 90)):
         files.append(str(tmp_path / f'{side}.gcl'))
         write_cloud(tmp_path / f'{side}.gcl', drive.scan(index))
-    (tmp_path / 'fast.yaml').write_text('turns: 1\n')
+    (tmp_path / 'fast.yaml').write_text('headings: 1\n')
     aligned = tmp_path / 'aligned.gcl'
     arguments = ['--config', str(tmp_path / 'fast.yaml'), '--aligned', str(aligned), '--json']
     assert main(['register', *files, *arguments]) == 0

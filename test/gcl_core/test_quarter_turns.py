@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 import torch
 
+from gcl_core import se3
 from gcl_core.data.simulator.sequence import SimulatedSequence
 from gcl_core.errors import GclError
+from gcl_core.models.backbone import QUARTER_TURNS
 from gcl_core.models.resunet import ResUNet, ResUNetConfig
 from gcl_core.ops.ground import height_above_ground
 from gcl_core.ops.kernel_map import KernelShape, down_map, same_map
@@ -172,15 +174,16 @@ def test_one_description_serves_all_quarter_turns(monkeypatch):
     model, cloud = ResUNet(SMALL).eval(), off_borders(0.3)
     calls, describe = [], model.describe_prepared
     monkeypatch.setattr(model, 'describe_prepared', lambda i: calls.append(1) or describe(i))
-    every = model.describe_turned(cloud, [k * np.pi / 6 for k in range(12)])
-    assert len(calls) == 3
+    every = model.describe_headings(cloud)
+    assert len(calls) == 1
     for quarters in range(TURNS):
         points = cloud.points
         for _ in range(quarters):
             points = turned(points)
-        (own,), found = model.describe([PointCloud(points)]), every[3 * quarters]
-        rows = order(own.points), order(found.points)
-        assert torch.equal(own.points[rows[0]], found.points[rows[1]])
+        (own,), found = model.describe([PointCloud(points)]), every[quarters].features
+        moved = torch.from_numpy(se3.transform(QUARTER_TURNS[quarters], found.points.numpy()))
+        rows = order(own.points), order(moved)
+        assert torch.equal(own.points[rows[0]], moved[rows[1]])
         torch.testing.assert_close(
             own.descriptors[rows[0]], found.descriptors[rows[1]], atol=1e-5, rtol=0
         )

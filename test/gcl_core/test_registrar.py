@@ -1,7 +1,5 @@
 """The shipped weights on streets they never saw, and on real scans where present."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import torch
@@ -11,12 +9,15 @@ from gcl_core.data.kitti import KittiSequence
 from gcl_core.data.sequence import T_target_source
 from gcl_core.data.simulator.sequence import SimulatedSequence
 from gcl_core.errors import GclError
-from gcl_core.estimation.refine import RefineConfig
+from gcl_core.estimation.refine import RefineConfig, prepare
+from gcl_core.estimation.surface import surface
 from gcl_core.evaluation import metrics
 from gcl_core.evaluation.agreement import agreeing
+from gcl_core.models.backbone import QUARTER_TURNS
 from gcl_core.registrar import Registrar, RegistrarConfig
 from gcl_core.stopwatch import Stopwatch
 from gcl_core.types import PointCloud
+from gcl_core.view import View
 
 WEIGHTS = ('gcl_conv', 'gcl_kpconv')
 
@@ -28,7 +29,7 @@ def registrar(request) -> Registrar:
 
 @pytest.fixture(scope='module', params=WEIGHTS)
 def same_heading(request) -> Registrar:
-    return Registrar(RegistrarConfig(weights=request.param, turns=1))
+    return Registrar(RegistrarConfig(weights=request.param, headings=1))
 
 
 @pytest.mark.parametrize('yaw', [0.0, 1.0, np.pi])
@@ -42,16 +43,23 @@ def test_registers_simulated_scans_at_any_heading(registrar, drive, yaw):
     assert {'describe', 'match', 'estimate', 'verify', 'refine', 'total'} == set(result.ms)
 
 
-def test_a_known_heading_needs_no_others(same_heading, drive):
-    turn = se3.from_xyz_rpy(yaw=2.0)
-    source = PointCloud(se3.transform(turn, drive.scan(102).points))
-    T = T_target_source(drive, source=102, target=90) @ se3.inverse(turn)
-    target = same_heading.view(drive.scan(90))
-    for yaw, found in ((float(se3.yaw(T)), True), (0.0, False)):
-        result = same_heading.register_views(
-            source=same_heading.view(source, yaw=yaw), target=target
-        )
-        assert result.accepted == found
+@pytest.mark.parametrize('quarters', [1, 2, 3])
+def test_turning_the_source_turns_the_result_and_nothing_else(registrar, drive, quarters):
+    turn = QUARTER_TURNS[quarters]
+    plain = registrar.register(source=drive.scan(102), target=drive.scan(90))
+    turned = registrar.register(source=drive.scan(102).moved(turn), target=drive.scan(90))
+    T = plain.T_target_source @ se3.inverse(turn)
+    np.testing.assert_allclose(turned.T_target_source, T, atol=5e-3)
+    assert (turned.accepted, turned.headings) == (plain.accepted, plain.headings)
+    assert turned.probability == pytest.approx(plain.probability, abs=5e-3)
+
+
+def test_vehicles_that_face_the_same_way_are_not_looked_at_otherwise(same_heading, drive):
+    for yaw, found in ((0.2, True), (2.0, False)):
+        turn = se3.from_xyz_rpy(yaw=yaw)
+        T = T_target_source(drive, source=102, target=90) @ se3.inverse(turn)
+        result = same_heading.register(source=drive.scan(102).moved(turn), target=drive.scan(90))
+        assert (result.accepted, result.headings) == (found, 1)
         assert metrics.registered(result.T_target_source, T, metrics.STRICT) == found
 
 
@@ -64,7 +72,7 @@ def test_registers_real_scans(same_heading, real_root):
 
 
 def test_what_is_farther_than_wanted_is_left_out(drive):
-    near = Registrar(RegistrarConfig(turns=1, max_distance=10.0))
+    near = Registrar(RegistrarConfig(headings=1, max_distance=10.0))
     assert near.register(source=drive.scan(98), target=drive.scan(90)).accepted
     result = near.register(source=drive.scan(110), target=drive.scan(90))
     assert not result.accepted
@@ -75,7 +83,7 @@ def test_what_is_farther_than_wanted_is_left_out(drive):
 
 
 def test_what_refinement_does_not_confirm_has_no_probability(drive):
-    timid = Registrar(RegistrarConfig(turns=1, refine=RefineConfig(max_move=1e-6)))
+    timid = Registrar(RegistrarConfig(headings=1, refine=RefineConfig(max_move=1e-6)))
     result = timid.register(source=drive.scan(98), target=drive.scan(90))
     assert (result.accepted, result.probability, result.covariance) == (False, 0.0, None)
     assert result.reason.startswith('refinement does not confirm')
@@ -91,9 +99,8 @@ def test_one_heading_is_that_of_the_other_scan_where_a_street_lies_across(same_h
     assert abs(se3.yaw(source.T_view_lidar @ se3.inverse(target.T_view_lidar))) > 1.0
     result = same_heading.register_views(source=source, target=target)
     assert result.accepted
-    matches = same_heading.config.match
     T = result.T_target_source
-    assert len(agreeing(T, source=source, target=target, config=matches)) > 100
+    assert len(agreeing(same_heading, T, source=source, target=target)) > 100
 
 
 def test_same_scans_same_transform(same_heading, drive):
@@ -109,7 +116,10 @@ def test_a_hypothesis_out_of_the_race_is_examined_as_it_is(same_heading, drive):
         'source': same_heading.view(drive.scan(98)),
         'target': same_heading.view(drive.scan(90)),
     }
-    hypotheses, _ = same_heading.search(**views, watch=Stopwatch())
+    (look,) = same_heading.looks(**views)
+    hypotheses, _ = same_heading.hypotheses(
+        same_heading.search(views['target'], Stopwatch()), look
+    )
     odds = torch.full((len(hypotheses),), -100.0)
     odds[0], odds[1] = 5.0, -50.0
     scene = same_heading.scene(**views)
@@ -148,25 +158,38 @@ def test_unrelated_streets_are_refused(registrar, drive):
     assert result.probability < 0.5
 
 
-def test_a_second_look_describes_only_what_the_first_did_not(registrar, drive, monkeypatch):
-    """And comes to what one look at all headings comes to, to the bit."""
-    pair = {'source': SimulatedSequence(8).scan(60), 'target': drive.scan(90)}
-    model, described = registrar.model, []
-    describe = model.describe_prepared
-    monkeypatch.setattr(
-        model, 'describe_prepared', lambda inputs: described.append(1) or describe(inputs)
+def test_what_is_refused_is_looked_at_again_at_more_headings(drive):
+    """The street of one scan taken for one that lies 30 degrees off: a bend, or a wood."""
+    registrar = Registrar()
+    source, target = registrar.views(source=drive.scan(98), target=drive.scan(90))
+    T = T_target_source(drive, source=98, target=90)
+    plain = registrar.register_views(source=source, target=target)
+    assert (plain.accepted, plain.headings) == (True, 1)
+    bend = se3.from_xyz_rpy(yaw=np.pi / 6) @ source.T_view_lidar
+    cloud = drive.scan(98).moved(bend)
+    bent = View(
+        bend,
+        cloud,
+        tuple(registrar.model.describe_headings(cloud)),
+        surface(cloud),
+        prepare(cloud, registrar.config.refine),
     )
-    twice = registrar.register(**pair)
-    assert len(described) == 1 + registrar.config.turns
-    views = {
-        'source': registrar.view(pair['source'], turns=registrar.config.turns),
-        'target': registrar.view(pair['target']),
-    }
-    once = registrar.register_views(**views)
-    for name in ('T_target_source', 'covariance'):
-        np.testing.assert_array_equal(getattr(twice, name), getattr(once, name))
-    rest = {'T_target_source': None, 'covariance': None, 'ms': {}}
-    assert replace(twice, **rest) == replace(once, **rest)
+    result = registrar.register_views(source=bent, target=target)
+    assert (result.accepted, result.headings) == (True, 12)
+    assert metrics.registered(result.T_target_source, T, metrics.STRICT)
+    assert len(agreeing(registrar, result.T_target_source, source=bent, target=target)) > 100
+
+
+def test_looks_go_from_one_heading_to_all_and_search_none_twice(registrar, drive):
+    source, target = registrar.views(source=SimulatedSequence(8).scan(60), target=drive.scan(90))
+    looks = list(registrar.looks(source=source, target=target))
+    assert [len(look.headings) for look in looks] == [1, 4, 12]
+    yaws = [h.yaw for h in looks[-1].headings]
+    assert sorted(np.rad2deg(yaws).round().tolist()) == list(range(0, 360, 30))
+    search = registrar.search(target, Stopwatch())
+    found = [search.at(look.headings) for look in looks]
+    assert [n for _, n in found] == sorted(n for _, n in found)
+    assert all(a is b for a, b in zip(found[0][0], found[2][0]))
 
 
 def test_scan_out_of_range_is_named(same_heading, drive):
@@ -175,9 +198,30 @@ def test_scan_out_of_range_is_named(same_heading, drive):
         same_heading.register(source=far, target=drive.scan(90))
 
 
-def test_bad_turns_are_named():
-    with pytest.raises(GclError, match='turns is 0'):
-        RegistrarConfig(turns=0)
+@pytest.mark.parametrize(
+    ('change', 'words'),
+    [
+        ({'headings': 3}, 'one of'),
+        ({'device': 'tpu'}, 'choose auto, cpu'),
+        ({'device': 'cuda'}, 'finds no GPU'),
+    ],
+)
+def test_bad_settings_are_named(change, words):
+    if change == {'device': 'cuda'} and torch.cuda.is_available():
+        pytest.skip('torch finds a GPU')
+    with pytest.raises(GclError, match=words):
+        Registrar(RegistrarConfig(**change))
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason='torch finds no GPU')
+def test_a_gpu_describes_as_the_cpu_does(drive):
+    cpu, cuda = (
+        Registrar(RegistrarConfig(device=device, precision='float32')).view(drive.scan(90))
+        for device in ('cpu', 'cuda')
+    )
+    torch.testing.assert_close(cpu.features.points, cuda.features.points)
+    alike = (cpu.features.descriptors * cuda.features.descriptors).sum(1)
+    assert float(alike.min()) > 0.999
 
 
 def test_a_handful_of_points_is_no_scan(same_heading, drive):

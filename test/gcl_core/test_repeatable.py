@@ -98,7 +98,7 @@ ESTIMATORS = {
 @pytest.mark.parametrize('plain', [False, True], ids=['compiled', 'plain torch'])
 def test_no_step_of_a_registration_depends_on_threads(estimator, plain, drive, monkeypatch):
     """In plain torch the network and the search in feature space are not watched."""
-    registrar = Registrar(RegistrarConfig(turns=1, estimator=estimator))
+    registrar = Registrar(RegistrarConfig(headings=1, estimator=estimator))
     with Watching() as watching:
         source, target = (registrar.view(drive.scan(i)) for i in (98, 90))
     described = set() if registrar.engine.endswith('plain torch') else watching.found

@@ -277,7 +277,7 @@ def two_bags(encounters, tmp_path_factory):
 
 def recall(folder, tmp_path, monkeypatch, capsys):
     """Rows of the bags `raw` and `packed`, evaluated offline."""
-    (tmp_path / 'fast.yaml').write_text('turns: 1\n')
+    (tmp_path / 'fast.yaml').write_text('headings: 1\n')
     rows = {}
     for name in ('raw', 'packed'):
         arguments = [str(folder / name), '--out', str(tmp_path / f'out_{name}'), '--json']
@@ -316,7 +316,7 @@ def test_a_packed_drive_is_evaluated(tmp_path, scans, drive, capsys):
     poses = [drive.T_world_lidar(i) for i in (90, 95, 100)]
     path, out = recorded(tmp_path / 'drive', scans, poses=poses), tmp_path / 'packed'
     pack_bag(path, out, CompactConfig())
-    (tmp_path / 'fast.yaml').write_text('turns: 1\n')
+    (tmp_path / 'fast.yaml').write_text('headings: 1\n')
     (tmp_path / 'few.txt').write_text('packed 1 0\npacked 2 1\n')
     arguments = ['--pairs', str(tmp_path / 'few.txt'), '--registrar', str(tmp_path / 'fast.yaml')]
     assert main(['evaluate', '--data', str(out), *arguments, '--json']) == 0

@@ -30,7 +30,7 @@ def bag(meeting, tmp_path_factory):
 
 
 def test_offline_writes_tables_pairs_and_trajectories(bag, tmp_path, monkeypatch, capsys, meeting):
-    (tmp_path / 'fast.yaml').write_text('turns: 1\n')
+    (tmp_path / 'fast.yaml').write_text('headings: 1\n')
     arguments = [str(bag), '--out', str(tmp_path / 'o'), '--offline']
     fast = ['--config', str(tmp_path / 'fast.yaml'), '--compact', '0.25']
     monkeypatch.setattr(sys, 'argv', ['evaluate_bag', *arguments, *fast])
@@ -62,7 +62,7 @@ def test_offline_writes_tables_pairs_and_trajectories(bag, tmp_path, monkeypatch
     ('arguments', 'message'),
     [
         (['--config', 'x.yaml'], '--config x.yaml is for --offline'),
-        (['--offline', '--set', 'turns:=1'], '--set turns:=1 is for the node'),
+        (['--offline', '--set', 'headings:=1'], '--set headings:=1 is for the node'),
     ],
 )
 def test_options_that_would_be_ignored_are_refused(

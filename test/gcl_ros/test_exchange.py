@@ -110,7 +110,7 @@ def test_every_mix_over_dds(rig, turned, sent):
 
 def test_features_of_an_older_version_are_refused_in_plain_words(rig, meeting):
     """As an older `describer` sent them: one row of 40 bytes a key point."""
-    rig.add(RegistrarNode, registrar__turns=1)
+    rig.add(RegistrarNode, registrar__headings=1)
     rig.publish_clouds()
     shorts = [
         PointField(name=name, offset=2 * i, datatype=3, count=1)
@@ -128,7 +128,7 @@ def test_features_of_an_older_version_are_refused_in_plain_words(rig, meeting):
 
 def test_what_the_sender_could_not_undo_is_no_warning_here(rig, meeting):
     """Odometry of both sides would be there for raw scans."""
-    rig.add(RegistrarNode, registrar__turns=1, motion__odometry=True)
+    rig.add(RegistrarNode, registrar__headings=1, motion__odometry=True)
     rig.publish_clouds()
     transforms = rig.listen(TransformStamped, '/registrar/transform')
     send = lambda: rig.send(source=compact(meeting[0]), target=raw(meeting[1]))  # noqa: E731

@@ -166,5 +166,5 @@ def test_references_that_would_fill_the_memory_are_refused(tmp_path):
     for low, high in pairwise('abcdefghij'):
         parts.append(f'&{high} [{", ".join([f"*{low}"] * 10)}]')
     path = tmp_path / 'laughs.yaml'
-    path.write_text(f'turns: [{", ".join(parts)}]\n')
+    path.write_text(f'headings: [{", ".join(parts)}]\n')
     assert in_child(lambda: load_config(RegistrarConfig, path)) == 0

@@ -52,7 +52,7 @@ def test_a_topic_that_repeats_one_cloud_is_a_warning():
 def test_a_slow_node_and_stamps_of_another_clock_are_told_apart(behind, age, level, message):
     health = heard(behind=behind)
     result = Registration(np.eye(4), 100, 200, '', {}, accepted=True)
-    health.done(Outcome(result, age, dt=0.0, headings=1))
+    health.done(Outcome(result, age, dt=0.0))
     found = health.judge(0.0, LIMITS, 0.0)
     assert found[0] == level
     assert found[1] == message or (message.endswith(': ') and found[1].startswith(message))
@@ -63,7 +63,7 @@ def test_a_probability_of_other_weights_is_a_warning_and_a_figure():
     health = heard()
     for calibrated in (True, False):
         result = Registration(np.eye(4), 100, 200, accepted=True, calibrated=calibrated)
-        health.done(Outcome(result, 0.3, dt=0.0, headings=1))
+        health.done(Outcome(result, 0.3, dt=0.0))
         level, message = health.judge(0.0, LIMITS, 0.0)
         assert (level, 'uncalibrated' in message) == ((OK, False) if calibrated else (WARN, True))
         assert health.figures(0.0, Counts())['calibrated'] == str(calibrated)

@@ -161,7 +161,7 @@ def test_stamps(row):
         for _ in range(3):
             health.heard(side, frame, stamp, now=0.0, clock=clock)
     accepted = Registration(np.eye(4), 100, 200, '', {}, accepted=True)
-    health.done(Outcome(accepted, clock + 0.3 - stamp, dt=0.0, headings=1))
+    health.done(Outcome(accepted, clock + 0.3 - stamp, dt=0.0))
     found = health.judge(0.0, Limits(silence=2.0, max_age=5.0, max_pair_dt=0.1), 0.0)
     assert found[0] == level
     assert words in found[1]
@@ -304,7 +304,9 @@ WIRING = [
 
 def test_wiring(rig, meeting):
     """One node, fed row after row."""
-    rig.add(RegistrarNode, registrar__turns=1, silence=1.0, motion__odometry=True, reliable=True)
+    rig.add(
+        RegistrarNode, registrar__headings=1, silence=1.0, motion__odometry=True, reliable=True
+    )
     missed = {}
     for name, alter, level, words, figure in WIRING:
         clouds = {side: points.copy() for side, points in zip(SIDES, meeting, strict=False)}
@@ -334,7 +336,7 @@ def test_inputs_that_are_one_topic_are_refused(rig, kind):
 
 
 def test_odometry_that_never_comes_is_told_of(rig):
-    rig.add(RegistrarNode, registrar__turns=1, silence=1.0, motion__odometry=True)
+    rig.add(RegistrarNode, registrar__headings=1, silence=1.0, motion__odometry=True)
     told = 'source/odometry silent for'
     assert rig.until(lambda: rig.says(told) and rig.says('nobody publishes on /source/odometry'))
     assert rig.status.level == bytes([WARN])

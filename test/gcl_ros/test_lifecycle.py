@@ -42,7 +42,7 @@ def state(rig, node='registrar') -> str:
 
 def test_transitions_in_any_order(rig, meeting):
     """Those that do not exist are refused and change nothing; the node works in the end."""
-    rig.add(RegistrarNode, start=False, registrar__turns=1)
+    rig.add(RegistrarNode, start=False, registrar__headings=1)
     rig.publish_clouds()
     transforms = rig.listen(TransformStamped, '/registrar/transform')
     assert state(rig) == 'unconfigured'
@@ -102,7 +102,7 @@ def test_a_transition_that_is_none_is_answered(rig, asked):
     ids=['unconfigured', 'inactive', 'active'],
 )
 def test_it_can_be_shut_down_in_every_state(rig, meeting, before, shutdown):
-    rig.add(RegistrarNode, start=False, registrar__turns=1)
+    rig.add(RegistrarNode, start=False, registrar__headings=1)
     rig.publish_clouds()
     transforms = rig.listen(TransformStamped, '/registrar/transform')
     for transition in before:
@@ -117,7 +117,7 @@ def test_it_can_be_shut_down_in_every_state(rig, meeting, before, shutdown):
 
 
 def test_nothing_is_published_once_inactive(rig, meeting):
-    rig.add(RegistrarNode, registrar__turns=1)
+    rig.add(RegistrarNode, registrar__headings=1)
     rig.publish_clouds()
     transforms = rig.listen(TransformStamped, '/registrar/transform')
     send = lambda: rig.send(source=meeting[0], target=meeting[1])  # noqa: E731
@@ -132,13 +132,13 @@ def test_nothing_is_published_once_inactive(rig, meeting):
 
 
 def test_a_wrong_start_value_can_be_set_right(rig):
-    rig.add(RegistrarNode, registrar__turns=0, max_pair_dt=99)
+    rig.add(RegistrarNode, registrar__headings=0, max_pair_dt=99)
     assert state(rig) == 'unconfigured'
-    assert rig.until(lambda: rig.says('registrar.turns'))
+    assert rig.until(lambda: rig.says('registrar.headings'))
     assert rig.status.level == b'\2'
     assert not rig.change(Transition.TRANSITION_CONFIGURE)
-    assert not rig.set('registrar.turns', 1).successful  # the other is still wrong
-    both = [Parameter('registrar.turns', value=1), Parameter('max_pair_dt', value=0.1)]
+    assert not rig.set('registrar.headings', 1).successful  # the other is still wrong
+    both = [Parameter('registrar.headings', value=1), Parameter('max_pair_dt', value=0.1)]
     request = SetParametersAtomically.Request(parameters=[p.to_parameter_msg() for p in both])
     service = '/registrar/set_parameters_atomically'
     assert rig.call(SetParametersAtomically, service, request).result.successful
@@ -163,14 +163,14 @@ def live(rig):
         ('max_pair_dt', 11, 'out of range'),
         ('max_pair_dt', float('nan'), 'out of range'),
         ('max_pair_dt', 'soon', 'expected float'),
-        ('registrar.turns', 0, 'out of range'),
-        ('registrar.turns', 2.5, 'expected int'),
+        ('registrar.headings', 0, 'out of range'),
+        ('registrar.headings', 2.5, 'expected int'),
         ('registrar.verify.finalists', 50, 'at most verify.hypotheses'),
         ('registrar.estimator.name', 'guess', "'guess' is none of"),
         ('registrar.refine.reach', [1.0], 'one of each for every step'),
         ('registrar.weights', 'other', 'unconfigured only'),
         ('publish_aligned', True, 'unconfigured only'),
-        ('registrar.trun', 1, ''),
+        ('registrar.heding', 1, ''),
     ],
 )
 def test_values_that_do_not_fit_are_refused_with_the_reason(live, name, value, reason):
@@ -220,7 +220,7 @@ def test_a_double_given_without_a_point_stays_a_double(rig, service):
         results = [rig.call(SetParametersAtomically, f'/registrar/{service}', request).result]
     assert all(result.successful for result in results), results
     request = GetParameters.Request(
-        names=[*typed, 'silence', 'registrar.refine.resolution', 'registrar.turns']
+        names=[*typed, 'silence', 'registrar.refine.resolution', 'registrar.headings']
     )
     age, reach, silence, resolution, turns = rig.call(
         GetParameters, '/registrar/get_parameters', request
@@ -243,7 +243,7 @@ def test_every_parameter_is_described(live):
     found = live.rig.call(DescribeParameters, '/registrar/describe_parameters', request)
     assert [d.name for d in found.descriptors if not d.description] == []
     by_name = {d.name: d for d in found.descriptors}
-    assert by_name['registrar.turns'].integer_range[0].to_value == 36
+    assert by_name['registrar.headings'].integer_range[0].to_value == 12
     assert by_name['max_pair_dt'].floating_point_range[0].to_value == 10.0
     assert 'level, rigid' in by_name['registrar.estimator.ransac.model'].additional_constraints
 
@@ -268,7 +268,7 @@ def test_tf_is_broadcast_where_it_is_asked_for(rig, meeting, monkeypatch):
 
     module.TransformBroadcaster = TransformBroadcaster
     monkeypatch.setitem(sys.modules, 'tf2_ros', module)
-    rig.add(RegistrarNode, publish_tf=True, registrar__turns=1)
+    rig.add(RegistrarNode, publish_tf=True, registrar__headings=1)
     rig.publish_clouds()
     heard = rig.listen(TransformStamped, '/tf_stand_in')
     send = lambda: rig.send(source=meeting[0], target=meeting[1])  # noqa: E731

@@ -92,7 +92,11 @@ def test_a_pose_that_is_none_is_refused(wrong):
 
 def test_the_node_outlives_a_flood_and_says_what_it_refused(rig, meeting):
     rig.add(
-        RegistrarNode, registrar__turns=1, motion__odometry=True, max_points=100_000, reliable=True
+        RegistrarNode,
+        registrar__headings=1,
+        motion__odometry=True,
+        max_points=100_000,
+        reliable=True,
     )
     rig.publish_clouds()
     transforms = rig.listen(TransformStamped, '/registrar/transform')
@@ -123,7 +127,7 @@ def test_the_node_outlives_a_flood_and_says_what_it_refused(rig, meeting):
 )
 def test_bytes_that_are_no_message_do_no_harm(rig, payload):
     """Fast CDR reads past the first two and ends the process, most of the time."""
-    rig.add(RegistrarNode, registrar__turns=1, motion__odometry=True)
+    rig.add(RegistrarNode, registrar__headings=1, motion__odometry=True)
     topics = {'/source/points': PointCloud2, '/source/odometry': Odometry}
     publishers = [rig.node.create_publisher(kind, name, 1) for name, kind in topics.items()]
     assert rig.until(lambda: all(p.get_subscription_count() for p in publishers))

@@ -18,7 +18,7 @@ APART = 0.25  # seconds between scans; what is late comes after its successor
 @pytest.mark.parametrize('side', ['source', 'target'])
 @pytest.mark.parametrize('late', [False, True], ids=['never', 'late'])
 def test_every_second_scan_lost_costs_every_second_pair(rig, meeting, side, late):
-    node = rig.add(RegistrarNode, registrar__turns=1)
+    node = rig.add(RegistrarNode, registrar__headings=1)
     rig.publish_clouds()
     transforms = rig.listen(TransformStamped, '/registrar/transform')
     sent = fill_compact(PointCloud2(), encode(PointCloud(meeting[0])), PointField)

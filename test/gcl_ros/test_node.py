@@ -74,7 +74,7 @@ def test_replayed_bag_comes_out_right(drive, tmp_path, monkeypatch):
         tmp_path / 'bag',
         tmp_path,
         expected=2,
-        node_arguments=['--params-file', parameters, '-p', 'registrar.turns:=1'],
+        node_arguments=['--params-file', parameters, '-p', 'registrar.headings:=1'],
     )
     logs = [(tmp_path / f'{name}.log').read_text() for name in ('registrar', 'replay')]
     assert len(rows) == 2, logs
@@ -85,10 +85,10 @@ def test_replayed_bag_comes_out_right(drive, tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ('arguments', 'message'),
     [
-        (['-p', 'registrar.trun:=1'], 'registrar.trun (did you mean registrar.turns'),
-        (['-p', 'turns:=1'], 'unknown parameter turns (did you mean registrar.turns'),
-        (['-p', 'registrar.turns:=0'], 'turns is 0'),
-        (['-p', 'registrar.turns:=many'], "expected int, got 'many'"),
+        (['-p', 'registrar.heding:=1'], 'registrar.heding (did you mean registrar.headings'),
+        (['-p', 'headings:=1'], 'unknown parameter headings (did you mean registrar.headings'),
+        (['-p', 'registrar.headings:=0'], 'headings is 0'),
+        (['-p', 'registrar.headings:=many'], "expected int, got 'many'"),
         (['-p', 'registrar.weights:=other'], "no weights 'other'"),
     ],
 )
@@ -121,8 +121,8 @@ def test_a_file_of_parameters_that_is_none_ends_it_with_two(environment, tmp_pat
 @pytest.mark.parametrize(
     ('setting', 'message'),
     [
-        ('registrar.trun:=1', 'unknown parameter registrar.trun'),
-        ('registrar.turns:=[1', 'it ended, exit code 2'),
+        ('registrar.heding:=1', 'unknown parameter registrar.heding'),
+        ('registrar.headings:=[1', 'it ended, exit code 2'),
     ],
 )
 def test_a_bag_is_not_played_to_a_node_that_cannot_work(
@@ -145,7 +145,7 @@ UNSTARTED = ['-p', 'autostart:=false']
         ('registrar', INT, [], 'ready'),
         ('sender', TERM, [], 'ready'),
         ('registrar', TERM, UNSTARTED, 'unconfigured'),
-        ('registrar', INT, ['-p', 'registrar.turns:=0'], 'will be published'),
+        ('registrar', INT, ['-p', 'registrar.headings:=0'], 'will be published'),
     ],
     ids=['active', 'sender', 'unconfigured', 'misconfigured'],
 )

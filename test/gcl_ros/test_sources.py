@@ -60,7 +60,7 @@ def test_two_sources_are_told_apart(rig, meeting):
     source, target, T = meeting
     turn = se3.from_xyz_rpy(x=1.0, yaw=0.5)
     truths = {'b': T, 'c': T @ se3.inverse(turn)}
-    node = rig.add(RegistrarNode, registrar__turns=1, sources=['b', 'c'], on_demand=True)
+    node = rig.add(RegistrarNode, registrar__headings=1, sources=['b', 'c'], on_demand=True)
     rig.publish_clouds()
     for name in truths:
         publisher = rig.node.create_publisher(PointCloud2, f'/{name}/points', QoSProfile(depth=1))

@@ -72,7 +72,7 @@ class Work:
 @pytest.fixture
 def work(rig, meeting):
     """A registrar to which pairs are sent one by one."""
-    node = rig.add(RegistrarNode, registrar__turns=1)
+    node = rig.add(RegistrarNode, registrar__headings=1)
     rig.publish_clouds()
     made = Work(rig, node, rig.listen(TransformStamped, '/registrar/transform'))
     assert rig.until(lambda: all(p.get_subscription_count() for p in rig.publishers.values()))
