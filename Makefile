@@ -72,7 +72,10 @@ bench-engine: install
 
 # Run it when nothing else runs.
 bench-registration: install
-	$(BIN)/python -m gcl_core.bench.registration --out bench/registration.json
+	test -d build/kiss || $(BIN)/pip install -q --disable-pip-version-check --no-deps \
+		--target build/kiss kiss-matcher
+	PYTHONPATH=build/kiss $(BIN)/python -m gcl_core.bench.registration $(if $(DATA),--data $(DATA)) \
+		--out bench/registration.json
 
 # Likewise, DATA as above; goes on where it was stopped.  Draco goes to a folder of its own; where it has no wheel, its
 # column stays empty.

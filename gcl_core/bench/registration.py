@@ -1,70 +1,138 @@
-"""Every stage between two scans and a verdict, alone and together: `make bench-registration`.
+"""A pair of scans to a verdict, whole and stage by stage: `make bench-registration`.
 
-    python -m gcl_core.bench.registration --out bench/registration.json
+    python -m gcl_core.bench.registration --data DRIVES --out bench/registration.json
 
-Two simulated HDL-64E scans 20 m apart, the source turned by 0.3 rad, shipped weights; one row for
-each instruction set that this machine can run. KISS-Matcher, where it is installed, registers the
-same clouds, with the GICP that it leaves to its users: ours, from its transform.
+Two HDL-64E scans some 20 m apart, of a recorded drive if there is one, else simulated; the source
+is turned by 0.3 rad. One row for each instruction set that this machine can run, each measured by
+a process of its own, with the shipped weights. KISS-Matcher with its GICP registers the same
+clouds in the same process, where it is installed (`evaluation.peers`).
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import os
 import statistics
+import subprocess
+import sys
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from gcl_core import se3
+from gcl_core.bench.measure import milliseconds
+from gcl_core.data.kitti import KittiSequence
+from gcl_core.data.sequence import Sequence
 from gcl_core.data.simulator.sequence import SimulatedSequence
-from gcl_core.errors import bad_input_exits
+from gcl_core.errors import GclError, bad_input_exits
 from gcl_core.estimation.decision import examine
 from gcl_core.estimation.estimators import estimate
 from gcl_core.estimation.refine import prepare
 from gcl_core.estimation.surface import surface
-from gcl_core.matching.keypoints import choose
+from gcl_core.evaluation.peers import PEERS
 from gcl_core.matching.match import match
+from gcl_core.matching.vote import likeliest_first
 from gcl_core.ops.memory import keep_freed_memory
+from gcl_core.ops.native.instructions import SWITCH, available
 from gcl_core.provenance import provenance_for
 from gcl_core.registrar import Registrar, RegistrarConfig
 from gcl_core.stopwatch import Stopwatch
 from gcl_core.types import PointCloud
 
 SEED = 900  # of the street; training takes other worlds
-APART = 20  # scans, a metre each
-KEY_POINTS = 5000
+APART = 20.0  # metres
+YAW = 0.3  # radians
 
 
 def main() -> None:
-    """Measure everything, print a table, write the JSON."""
+    """Measure every instruction set, print a table, write the JSON."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--out', type=Path, default=Path('bench/registration.json'))
+    parser.add_argument('--data', type=Path, help="folder of recorded drives in KITTI's layout")
+    parser.add_argument('--sequence', default='80', help='of them')
     parser.add_argument('--repeats', type=int, default=15)
+    parser.add_argument('--one', action='store_true', help=argparse.SUPPRESS)
     options = parser.parse_args()
     with bad_input_exits('registration'):
+        if options.one:
+            print(json.dumps(measured(options)))
+            return
         here = provenance_for(options.out)
+        rows = [in_process(instructions.name) for instructions in available()]
+    print('| instructions | ' + ' | '.join(rows[0]['ms']) + ' |')
+    print('|---' * (1 + len(rows[0]['ms'])) + '|')
+    for row in rows:
+        print(f'| {row["instructions"]} |', ' | '.join(f'{v}' for v in row['ms'].values()), '|')
+    options.out.write_text(json.dumps({'rows': rows, **here}, indent=2) + '\n')
+
+
+def in_process(instructions: str) -> dict[str, Any]:
+    """Measure one instruction set in a process of its own: kernels are loaded once."""
+    command = [sys.executable, '-m', 'gcl_core.bench.registration', *sys.argv[1:], '--one']
+    environment = {**os.environ, SWITCH: instructions}
+    done = subprocess.run(command, env=environment, capture_output=True, text=True)
+    if done.returncode:
+        raise GclError(f'{instructions}: {done.stderr.strip()}')
+    return dict(json.loads(done.stdout.splitlines()[-1]))
+
+
+def measured(options: argparse.Namespace) -> dict[str, Any]:
+    """All figures of this process's instruction set."""
     keep_freed_memory()  # as the nodes do
-    source, target = fixture()
-    registrar = Registrar(RegistrarConfig(turns=1))
-    figures = stages(registrar, source, target, options.repeats)
-    few = max(1, options.repeats // 3)
-    figures |= {f'pair, turns {n}': whole(source, target, n, few) for n in (1, 12)}
-    print('| stage | shortest, ms | median, ms | processor, ms |\n|---|---|---|---|')
-    for stage, row in figures.items():
-        print(f'| {stage} |', ' | '.join(f'{value:.1f}' for value in row.values()), '|')
-    content = {'points': [len(source), len(target)], 'stages': figures, **here}
-    options.out.write_text(json.dumps(content, indent=2) + '\n')
+    source, target = fixture(options)
+    any_heading, known = Registrar(), Registrar(RegistrarConfig(headings=1))
+    whole = {
+        'any_heading_ms': lambda: any_heading.register(source=source, target=target),
+        'known_heading_ms': lambda: known.register(source=source.moved(back()), target=target),
+        'describe_ms': lambda: any_heading.model.describe_headings(source),
+    }
+    own = {name: round(milliseconds(run, options.repeats), 1) for name, run in whole.items()}
+    ms = {**own, **kiss_matcher(source, target, own['any_heading_ms'])}
+    result = any_heading.register(source=source, target=target)
+    return {
+        'instructions': os.environ[SWITCH],
+        'precision': str(any_heading.model.dtype).split('.')[1],
+        'points': [len(source), len(target)],
+        'accepted': result.accepted,
+        'ms': ms,
+        'stages': stages(any_heading, source, target, options.repeats),
+    }
 
 
-def fixture() -> tuple[PointCloud, PointCloud]:
+def kiss_matcher(source: PointCloud, target: PointCloud, ours: float) -> dict[str, float | None]:
+    """Its time and ours over it; None where it is not installed."""
+    try:
+        register = PEERS['kiss_matcher']()
+    except GclError:
+        return {'kiss_matcher_ms': None, 'ratio_to_kiss_matcher': None}
+    theirs = milliseconds(lambda: register(source, target), 5)
+    return {
+        'kiss_matcher_ms': round(theirs, 1),
+        'ratio_to_kiss_matcher': round(ours / theirs, 3),
+    }
+
+
+def back() -> Any:
+    """What undoes the turn of the source."""
+    return se3.from_xyz_rpy(yaw=-YAW)
+
+
+def fixture(options: argparse.Namespace) -> tuple[PointCloud, PointCloud]:
     """Source and target."""
-    street = SimulatedSequence(SEED)
-    middle = len(street) // 2
-    turn = se3.from_xyz_rpy(yaw=0.3)
-    source = PointCloud(se3.transform(turn, street.scan(middle + APART).points))
-    return source, street.scan(middle)
+    drive: Sequence = SimulatedSequence(SEED)
+    if options.data:
+        drive = KittiSequence(options.data, options.sequence)
+    target = len(drive) // 2
+    origin = drive.T_world_lidar(target)[:3, 3]
+    away = [
+        float(((drive.T_world_lidar(i)[:3, 3] - origin) ** 2).sum() ** 0.5)
+        for i in range(target, len(drive))
+    ]
+    source = target + min(range(len(away)), key=lambda i: abs(away[i] - APART))
+    return drive.scan(source).moved(se3.from_xyz_rpy(yaw=YAW)), drive.scan(target)
 
 
 def stages(
@@ -72,32 +140,33 @@ def stages(
 ) -> dict[str, dict[str, float]]:
     """Each stage by itself, on what the stages before it gave."""
     config = registrar.config
-    views = {'source': registrar.view(source), 'target': registrar.view(target)}
-    few, other = (choose(views[side].headings[0], KEY_POINTS) for side in ('source', 'target'))
-    matches = match(source=few, target=other, config=config.match)
-    hypotheses, _ = registrar.search(**views, watch=Stopwatch())
-    scene = registrar.scene(**views)
+    view, seen = registrar.views(source=source, target=target)
+    look = next(registrar.looks(source=view, target=seen))
+    pair, dtype = {'source': look, 'target': seen}, registrar.model.dtype
+    find = partial(
+        match, source=look.features, target=seen.features, config=config.match, dtype=dtype
+    )
+    matches = find()
+    hypotheses, _ = registrar.hypotheses(registrar.search(seen, Stopwatch()), look)
+    scene = registrar.scene(**pair)
     examined = examine(hypotheses, scene, config.verify)
     odds = registrar.calibration.estimated.choice.log_odds(examined)
     work: dict[str, Callable[[], Any]] = {
-        'describe': lambda: registrar.model.describe([source]),
+        'facing': lambda: registrar.model.facing(source),
+        'voxels, heights': lambda: registrar.model.voxelize([source]),
+        'describe': lambda: registrar.model.describe_headings(source),
         'surface': lambda: surface(source),
         'prepare': lambda: prepare(source, config.refine),
-        'match': lambda: match(source=few, target=other, config=config.match),
-        'estimate': lambda: estimate(matches, config.estimator, max_yaw=registrar.max_heading(1)),
-        'verify': lambda: examine(hypotheses, registrar.scene(**views), config.verify),
-        'refine': lambda: registrar.finalists(hypotheses, odds, scene, **views),
+        'vote': lambda: likeliest_first(view.headings, seen.features, dtype),
+        'match': find,
+        'estimate': lambda: estimate(matches, config.estimator, max_yaw=registrar.max_yaw),
+        'verify': lambda: examine(hypotheses, registrar.scene(**pair), config.verify),
+        'refine': lambda: registrar.finalists(hypotheses, odds, scene, **pair),
     }
-    return {name: milliseconds(run, repeats) for name, run in work.items()}
+    return {name: times(run, repeats) for name, run in work.items()}
 
 
-def whole(source: PointCloud, target: PointCloud, turns: int, repeats: int) -> dict[str, float]:
-    """Two scans to a verdict."""
-    registrar = Registrar(RegistrarConfig(turns=turns))
-    return milliseconds(lambda: registrar.register(source=source, target=target), repeats)
-
-
-def milliseconds(work: Callable[[], Any], repeats: int) -> dict[str, float]:
+def times(work: Callable[[], Any], repeats: int) -> dict[str, float]:
     """Shortest and median time of several runs after one to warm up, least processor time."""
     work()
     wall, processor = [], []
