@@ -12,10 +12,11 @@ from torch import nn
 from gcl_core.errors import GclError
 from gcl_core.models.backbone import QUARTER_TURNS, Backbone, BackboneConfig, turned_back
 from gcl_core.models.blocks import Linear
-from gcl_core.models.kpconv_blocks import ConvNorm, ResidualBlock, Unary, leaky
+from gcl_core.models.kpconv_blocks import BOTTLENECK, ConvNorm, ResidualBlock, Unary, leaky
 from gcl_core.ops.kernel_points import kernel_points
 from gcl_core.ops.kpconv import Influences, influences
 from gcl_core.ops.point_pyramid import PointPyramid, build_point_pyramid
+from gcl_core.ops.quarter_turns import TURNS, QuarterTurnLinear, join_blocks, roll_blocks
 from gcl_core.types import Features, PointCloud, SparseTensor
 
 # Mean distance of the kernel points from their centre, in extents (KPConv, section 3.2; public
@@ -38,6 +39,8 @@ class KPConvConfig(BackboneConfig):
         radius: of a neighbourhood, cells.
         extent: distance from a kernel point at which its influence ends, cells.
         kernel: kernel points, one of them in the centre.
+        quarter_turns: share filters over the quarter turns about z, as `ResUNetConfig` does; the
+            kernel points lie in orbits. All widths are of the four blocks together.
         limits: most neighbours in each level, from
             `python -m gcl_core.training.neighbor_limits`.
     """
@@ -50,6 +53,7 @@ class KPConvConfig(BackboneConfig):
     radius: float = 4.25
     extent: float = 2.0
     kernel: int = 15
+    quarter_turns: bool = False
     limits: tuple[int, ...] = (60, 66, 70, 75)
 
     def __post_init__(self) -> None:
@@ -61,6 +65,12 @@ class KPConvConfig(BackboneConfig):
         if self.width < 2 or self.kernel < 1:
             raise GclError(
                 f'network.width is {self.width} and kernel {self.kernel}; the least are 2 and 1'
+            )
+        odd = [width for width in (self.width // 2, self.descriptor) if width % TURNS]
+        if self.quarter_turns and (odd or self.width // BOTTLENECK % TURNS):
+            raise GclError(
+                f'network.width is {self.width} and descriptor {self.descriptor}; quarter_turns '
+                f'needs multiples of {TURNS * BOTTLENECK} and {TURNS}'
             )
         if not 0 <= self.output_level < self.levels - 1:
             raise GclError(
@@ -74,31 +84,35 @@ class KPConvResUNet(Backbone[KPConvConfig, PointPyramid]):
     def __init__(self, config: KPConvConfig) -> None:
         super().__init__(config)
         kernel, widths = config.kernel, [config.width << i for i in range(config.levels)]
-        points = torch.from_numpy(kernel_points(kernel)).float()
+        turns = config.quarter_turns
+        points = torch.from_numpy(kernel_points(kernel, in_orbits=turns)).float()
         self.register_buffer('kernel_points', points)
-        self.stem = ConvNorm(1 + config.height_input, config.width // 2, kernel)
+        self.stem = ConvNorm(
+            1 + config.height_input, config.width // 2, kernel, quarter_turns=turns, lifts=turns
+        )
         self.encode, self.down = nn.ModuleList(), nn.ModuleList()
         width, skips = config.width // 2, []
         for level, wide in enumerate(widths):
             blocks = nn.ModuleList()
             # A level below the output's has no block: nothing reads it at full resolution again.
             for _ in range((1 if level == 0 else 2) if level >= config.output_level else 0):
-                blocks.append(ResidualBlock(width, wide, kernel))
+                blocks.append(ResidualBlock(width, wide, kernel, quarter_turns=turns))
                 width = wide
             self.encode.append(blocks)
             skips.append(width)
             if level < config.levels - 1:
-                self.down.append(ResidualBlock(width, wide, kernel))
+                self.down.append(ResidualBlock(width, wide, kernel, quarter_turns=turns))
                 width = wide
         self.up, self.decode = nn.ModuleList(), nn.ModuleList()
         for level in range(config.levels - 2, config.output_level - 1, -1):
             joined, width = width + skips[level], widths[level]
             if level == config.output_level:
-                self.head = Linear(joined, config.descriptor)
+                linear = QuarterTurnLinear if turns else Linear
+                self.head = linear(joined, config.descriptor, bias=True)
                 continue
-            self.up.append(Unary(joined, width))
+            self.up.append(Unary(joined, width, quarter_turns=turns))
             if config.decoder_blocks:
-                self.decode.append(ResidualBlock(width, width, kernel))
+                self.decode.append(ResidualBlock(width, width, kernel, quarter_turns=turns))
 
     def prepare(self, voxels: SparseTensor) -> PointPyramid:
         """Subsample and search for neighbours: the network's part of data preparation."""
@@ -108,8 +122,11 @@ class KPConvResUNet(Backbone[KPConvConfig, PointPyramid]):
         )
 
     def describe_quarters(self, cloud: PointCloud) -> list[Features]:
-        """Describe as `Backbone` does; the neighbours are searched once."""
+        """Describe as `Backbone` does; in one pass with `quarter_turns`, else on the same maps."""
         prepared, described = self.prepare(self.voxelize([cloud])), []
+        if self.config.quarter_turns:
+            (own,) = self.describe_prepared(prepared)
+            return [Features(own.points, roll_blocks(own.descriptors, q)) for q in range(TURNS)]
         for quarter, T_turned_lidar in enumerate(QUARTER_TURNS):
             (seen,) = self.describe_prepared(prepared.turned(quarter))
             described.append(Features(turned_back(seen.points, T_turned_lidar), seen.descriptors))
@@ -131,7 +148,7 @@ class KPConvResUNet(Backbone[KPConvConfig, PointPyramid]):
                 felt = self._felt(inputs, level + 1, level)
                 x = self.down[level](x, felt, inputs.down[level])
         for step, level in enumerate(range(last - 1, config.output_level - 1, -1)):
-            x = torch.cat([x[inputs.up[level]], skips[level]], 1)
+            x = self._join(x[inputs.up[level]], skips[level])
             if level > config.output_level:
                 x = leaky(self.up[step](x))
                 if config.decoder_blocks:
@@ -139,6 +156,11 @@ class KPConvResUNet(Backbone[KPConvConfig, PointPyramid]):
         output = config.output_level
         descriptors = nn.functional.normalize(self.head(x.float()), dim=1)
         return inputs.points[output], descriptors, inputs.splits[output]
+
+    def _join(
+        self, up: Float[torch.Tensor, 'n a'], skip: Float[torch.Tensor, 'n b']
+    ) -> Float[torch.Tensor, 'n a+b']:
+        return join_blocks(up, skip) if self.config.quarter_turns else torch.cat([up, skip], 1)
 
     def _felt(self, inputs: PointPyramid, outputs: int, level: int) -> Influences:
         """Influences of a level's points on themselves or on those of the next level."""

@@ -179,6 +179,14 @@ class _KPConvFunction(torch.autograd.Function):
         return grad_x, grad_weight, None
 
 
+def kpconv(
+    x: Float[torch.Tensor, 'n c_in'], weight: Float[torch.Tensor, 'p c_in c_out'], felt: Influences
+) -> Float[torch.Tensor, 'm c_out']:
+    """Convolve; computes in the dtype of `x`."""
+    out: torch.Tensor = _KPConvFunction.apply(x, weight, felt)
+    return out
+
+
 class KPConv(nn.Module):
     """Kernel point convolution without bias, sum aggregation; the influences are handed in."""
 
@@ -193,5 +201,4 @@ class KPConv(nn.Module):
         self, x: Float[torch.Tensor, 'n c_in'], felt: Influences
     ) -> Float[torch.Tensor, 'm c_out']:
         """Convolve; computes in the dtype of `x`."""
-        out: torch.Tensor = _KPConvFunction.apply(x, self.weight, felt)
-        return out
+        return kpconv(x, self.weight, felt)

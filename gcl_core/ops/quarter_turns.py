@@ -18,6 +18,8 @@ from jaxtyping import Float, Int64
 from torch import nn
 
 from gcl_core.ops.kernel_map import KernelMap, KernelShape
+from gcl_core.ops.kernel_points import points_turned_back
+from gcl_core.ops.kpconv import Influences, kpconv
 from gcl_core.ops.repeatable import linear
 from gcl_core.ops.sparse_conv import FILL, sparse_conv
 
@@ -38,8 +40,11 @@ def join_blocks(
     return torch.cat(parts, 2).flatten(1)
 
 
+TurnedBack = tuple[Int64[torch.Tensor, ' k'], ...]  # under 0, 1, 2 and 3 quarter turns
+
+
 @cache
-def _turned_back(shape: KernelShape) -> tuple[Int64[torch.Tensor, ' k'], ...]:
+def offsets_turned_back(shape: KernelShape) -> TurnedBack:
     """Offset that each offset of a kernel comes from under 0, 1, 2 and 3 quarter turns."""
     offsets = torch.arange(shape.offsets, device='cpu')
     grid = offsets.reshape(shape.edge, shape.edge, shape.height)
@@ -47,16 +52,20 @@ def _turned_back(shape: KernelShape) -> tuple[Int64[torch.Tensor, ' k'], ...]:
 
 
 def expand(
-    filters: Float[torch.Tensor, 'k blocks c_in c_out'], shape: KernelShape
+    filters: Float[torch.Tensor, 'k blocks c_in c_out'], turned_back: TurnedBack
 ) -> Float[torch.Tensor, 'k blocks*c_in 4*c_out']:
     """Write the filters of the first block as the weight of all four.
 
     `filters[k, h]` reads input block h at offset k. Output block g reads block g + h by the same
     filter, its offset turned by g (Cohen and Welling, eq. 11). An input of one block, which knows
     no turns, is read by every output block.
+
+    Args:
+        filters: of an output block.
+        turned_back: which offset each offset comes from.
     """
     turned = []
-    for turns, source in enumerate(_turned_back(shape)):
+    for turns, source in enumerate(turned_back):
         block = filters[source.to(filters.device)]
         turned.append(block.roll(turns, 1) if filters.shape[1] > 1 else block)
     return torch.stack(turned, 3).flatten(3).flatten(1, 2)
@@ -88,13 +97,49 @@ class QuarterTurnConv(nn.Module):
     @property
     def weight(self) -> Float[torch.Tensor, 'k c_in c_out']:
         """Of the ordinary convolution that this one is."""
-        return expand(self.filters, self.shape)
+        return expand(self.filters, offsets_turned_back(self.shape))
 
     def forward(
         self, x: Float[torch.Tensor, 'n_in c_in'], kmap: KernelMap
     ) -> Float[torch.Tensor, 'n_out c_out']:
         """Convolve over `kmap`."""
         return sparse_conv(x, self.weight, kmap)
+
+
+class QuarterTurnKPConv(nn.Module):
+    """Kernel point convolution of features in four blocks, without bias.
+
+    Args:
+        in_channels: of all blocks, or of an input that knows no turns.
+        out_channels: of all four blocks.
+        kernel: kernel points, in orbits (`kernel_points(kernel, in_orbits=True)`).
+        lifts: the input knows no turns, as that of a network.
+    """
+
+    def __init__(
+        self, in_channels: int, out_channels: int, kernel: int, *, lifts: bool = False
+    ) -> None:
+        super().__init__()
+        self._turned_back = tuple(
+            torch.from_numpy(points) for points in points_turned_back(kernel, TURNS)
+        )
+        blocks = 1 if lifts else TURNS
+        self.filters = nn.Parameter(
+            torch.empty(kernel, blocks, in_channels // blocks, out_channels // TURNS)
+        )
+        if not self.filters.is_meta:
+            nn.init.normal_(self.filters, std=math.sqrt(2.0 / (kernel * in_channels)))
+
+    @property
+    def weight(self) -> Float[torch.Tensor, 'p c_in c_out']:
+        """Of the ordinary convolution that this one is."""
+        return expand(self.filters, self._turned_back)
+
+    def forward(
+        self, x: Float[torch.Tensor, 'n c_in'], felt: Influences
+    ) -> Float[torch.Tensor, 'm c_out']:
+        """Convolve; computes in the dtype of `x`."""
+        return kpconv(x, self.weight, felt)
 
 
 class QuarterTurnLinear(nn.Module):
@@ -114,9 +159,14 @@ class QuarterTurnLinear(nn.Module):
         if not self.filters.is_meta:
             nn.init.uniform_(self.filters, -(in_channels**-0.5), in_channels**-0.5)
 
+    @property
+    def weight(self) -> Float[torch.Tensor, 'c_in c_out']:
+        """Of the ordinary product that this one is."""
+        return expand(self.filters, offsets_turned_back(POINT))[0]
+
     def forward(self, x: Float[torch.Tensor, 'n c_in']) -> Float[torch.Tensor, 'n c_out']:
         """Multiply every row; without a gradient the same bits by any number of threads."""
-        weight = expand(self.filters, POINT)[0]
+        weight = self.weight
         bias = None if self.bias is None else self.bias.repeat(TURNS)
         if not torch.is_grad_enabled():
             return linear(x, weight, bias)

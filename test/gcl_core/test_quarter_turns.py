@@ -10,15 +10,19 @@ from gcl_core import se3
 from gcl_core.data.simulator.sequence import SimulatedSequence
 from gcl_core.errors import GclError
 from gcl_core.models.backbone import QUARTER_TURNS
-from gcl_core.models.resunet import ResUNet, ResUNetConfig
+from gcl_core.models.kpconv_resunet import KPConvConfig
+from gcl_core.models.resunet import ResUNetConfig
+from gcl_core.models.zoo import build
 from gcl_core.ops.ground import height_above_ground
 from gcl_core.ops.kernel_map import KernelShape, down_map, same_map
+from gcl_core.ops.kernel_points import kernel_points, points_turned_back
 from gcl_core.ops.quarter_turns import (
     TURNS,
     QuarterTurnConv,
     QuarterTurnNorm,
     expand,
     join_blocks,
+    offsets_turned_back,
     roll_blocks,
 )
 from gcl_core.ops.sparse_conv import sparse_conv
@@ -28,6 +32,11 @@ from gcl_core.types import PointCloud
 SMALL = ResUNetConfig(
     encoder=(8, 8, 16), decoder=(8,), head=8, descriptor=16, height_input=True,
     quarter_turns=True, block=(5, 3), stride_kernel=2,
+)  # fmt: skip
+
+SMALL_KPCONV = KPConvConfig(
+    width=16, levels=3, output_level=1, descriptor=16, height_input=True,
+    quarter_turns=True, radius=2.0, limits=(70, 70, 70),  # no neighbour is left out
 )  # fmt: skip
 
 
@@ -118,7 +127,7 @@ def test_strided_convolution_of_turned_voxels(edge):
 def test_gradient_of_the_expansion():
     shape = KernelShape(3, 1)
     filters = torch.randn(shape.offsets, TURNS, 2, 1, dtype=torch.float64, requires_grad=True)
-    assert torch.autograd.gradcheck(lambda f: expand(f, shape), filters)
+    assert torch.autograd.gradcheck(lambda f: expand(f, offsets_turned_back(shape)), filters)
 
 
 def test_norm_shares_its_statistics_over_the_blocks():
@@ -142,9 +151,10 @@ def test_voxels_and_heights_of_a_turned_scan_have_the_same_bits():
     assert torch.equal(height[rows[0]], expected_height[rows[1]])
 
 
-def test_descriptors_of_a_turned_scan_are_rolled():
+@pytest.mark.parametrize('config', [SMALL, SMALL_KPCONV], ids=['conv', 'kpconv'])
+def test_descriptors_of_a_turned_scan_are_rolled(config):
     torch.manual_seed(4)
-    model, cloud = ResUNet(SMALL).eval(), off_borders(0.3)
+    model, cloud = build(config).eval(), off_borders(0.3)
     seen = model.describe([cloud])[0]
     again = model.describe([PointCloud(turned(cloud.points))])[0]
     expected = torch.from_numpy(turned(seen.points.numpy()))
@@ -169,9 +179,10 @@ def test_shapes_that_quarter_turns_do_not_bear(change, words):
         replace(SMALL, **change)
 
 
-def test_one_description_serves_all_quarter_turns(monkeypatch):
+@pytest.mark.parametrize('config', [SMALL, SMALL_KPCONV], ids=['conv', 'kpconv'])
+def test_one_description_serves_all_quarter_turns(config, monkeypatch):
     torch.manual_seed(4)
-    model, cloud = ResUNet(SMALL).eval(), off_borders(0.3)
+    model, cloud = build(config).eval(), off_borders(0.3)
     calls, describe = [], model.describe_prepared
     monkeypatch.setattr(model, 'describe_prepared', lambda i: calls.append(1) or describe(i))
     every = model.describe_headings(cloud)
@@ -187,3 +198,15 @@ def test_one_description_serves_all_quarter_turns(monkeypatch):
         torch.testing.assert_close(
             own.descriptors[rows[0]], found.descriptors[rows[1]], atol=1e-5, rtol=0
         )
+
+
+def test_kernel_points_in_orbits_are_turned_to_each_other():
+    points = kernel_points(15, in_orbits=True)
+    assert np.linalg.norm(points[1:], axis=1).mean() == pytest.approx(1.0)
+    apart = np.linalg.norm(points[:, None] - points[None], axis=2) + np.eye(15)
+    assert apart.min() > 0.5
+    for quarters, rows in enumerate(points_turned_back(15, TURNS)):
+        moved = points
+        for _ in range(quarters):
+            moved = turned(moved)
+        np.testing.assert_allclose(points, moved[rows], atol=1e-9)

@@ -14,7 +14,7 @@ from gcl_ros.exchange import Exchange
 from gcl_ros.registrar_node import RegistrarNode
 
 RELIABLE, BEST_EFFORT = ReliabilityPolicy.RELIABLE, ReliabilityPolicy.BEST_EFFORT
-FAST = {'registrar__turns': 1}
+FAST = {'registrar__headings': 1}
 OK, WARN, ERROR = b'\0', b'\1', b'\2'
 
 

@@ -14,7 +14,7 @@ from gcl_ros.registrar_node import RegistrarNode
 from gcl_ros.tracking import MotionConfig, Tracking
 
 SPEED = {'source': 20.0, 'target': 10.0}  # metres a second, each along its own x
-FAST = {'registrar__turns': 1, 'max_pair_dt': 0.4}
+FAST = {'registrar__headings': 1, 'max_pair_dt': 0.4}
 ODOMETRY = {'motion__odometry': True, 'motion__max_coast': 3.0}
 
 
