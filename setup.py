@@ -1,10 +1,13 @@
 """Package of the node and its core; `ament_python` under colcon, plain pip elsewhere."""
 
+import re
 from glob import glob
+from pathlib import Path
 
 from setuptools import find_packages, setup
 
 NAME = 'gcl_ros'
+VERSION = re.search("^__version__ = '(.+?)'", Path('gcl_core/__init__.py').read_text(), re.M)[1]
 ROS_PACKAGES = [
     'rclpy',
     'rmw-fastrtps-cpp',
@@ -22,7 +25,7 @@ ROS_PACKAGES = [
 
 setup(
     name=NAME,
-    version='0.1.0',
+    version=VERSION,
     description='Where two vehicles stand to each other, from nothing but their LiDAR clouds',
     license='Apache-2.0',
     maintainer='GCL-ROS developers',

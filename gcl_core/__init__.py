@@ -27,6 +27,9 @@ if TYPE_CHECKING:
     from gcl_core.registrar import Registrar, RegistrarConfig
     from gcl_core.types import PointCloud, Registration
 
+# setup.py reads it here; a test holds package.xml, CITATION.cff and the changelog to it.
+__version__ = '0.1.0'
+
 # Read when torch loads OpenMP: threads that wait sleep instead of spinning, so that the cores are
 # free for the rest of the robot.
 os.environ.setdefault('OMP_WAIT_POLICY', 'PASSIVE')

@@ -1,11 +1,29 @@
-"""What a release is made of: its citation, and the files that the forge reads."""
+"""What a release is made of: one version, its citation, and the files that the forge reads."""
 
+import re
+import subprocess
+import sys
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import yaml
 
+import gcl_core
+
 ROOT = Path(__file__).parents[1]
+
+
+def test_the_version_is_the_same_everywhere():
+    """setup.py reads it from gcl_core; static files can not."""
+    version = gcl_core.__version__
+    told = subprocess.run(
+        [sys.executable, 'setup.py', '--version'], cwd=ROOT, capture_output=True, text=True
+    )
+    assert told.stdout.split()[-1] == version, told.stderr
+    assert ET.parse(ROOT / 'package.xml').getroot().findtext('version') == version
+    assert yaml.safe_load((ROOT / 'CITATION.cff').read_text())['version'] == version
+    newest = re.search(r'^## (\S+)', (ROOT / 'CHANGELOG.md').read_text(), re.MULTILINE)
+    assert newest[1] == version
 
 
 def test_the_citation_says_what_to_cite():

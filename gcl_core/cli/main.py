@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable, Sequence
 from importlib import import_module
 
+import gcl_core
 from gcl_core.cli.outcome import Answer, loading, run_command, say
 from gcl_core.cli.parsers import (
     bag,
@@ -37,6 +38,7 @@ def parser() -> argparse.ArgumentParser:
             ],
         ),
     )
+    made.add_argument('--version', action='version', version=f'gcl {gcl_core.__version__}')
     commands = made.add_subparsers(dest='command', required=True, metavar='COMMAND')
     for command in COMMANDS:
         command.add_parser(commands)
