@@ -184,7 +184,8 @@ def test_what_others_may_have_written_is_not_loaded(theirs, tmp_path, monkeypatc
     monkeypatch.setattr(build.tempfile, 'tempdir', str(temporary))
     monkeypatch.delenv('GCL_NATIVE', raising=False)
     held = instructions.held()
-    name = f'kernels-{held.name}-{build._digest(COMPILER, held)}.so'
+    digest = build._digest(held, build._version(COMPILER))
+    name = f'kernels-{held.name}-{digest}.so'
     folder = temporary / f'gcl_ros-{os.getuid()}'
     target = stranger if theirs == 'link' else folder
     target.mkdir(mode=0o700)

@@ -1,4 +1,9 @@
-"""Compile the kernels for an instruction set, once, into a folder of the user's own."""
+"""Load the kernels for an instruction set: a wheel's, or compiled once for this user.
+
+A wheel brings them compiled for every instruction set of its platform (setup.py calls `ship`), so
+that a robot needs no compiler. From a checkout, or where the sources were changed since, they are
+compiled at first use into a folder of the user's own.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +11,7 @@ import ctypes
 import hashlib
 import logging
 import os
+import platform
 import shutil
 import subprocess
 import tempfile
@@ -13,7 +19,7 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
-from gcl_core.ops.native.instructions import OFF, SWITCH, InstructionSet, held
+from gcl_core.ops.native.instructions import OFF, SWITCH, InstructionSet, held, of
 
 log = logging.getLogger(__name__)
 SOURCES = (
@@ -28,12 +34,13 @@ SOURCES = (
 )
 HEADERS = ('product.h',)
 FLAGS = ('-O3', '-fopenmp', '-shared', '-fPIC', '-fno-exceptions', '-fno-rtti')
-COMPILE_SECONDS = 120
+COMPILE_SECONDS, SHIP_SECONDS = 120, 1200  # the second on an emulated machine, too
 OTHERS_WRITE = 0o022
+SHIPPED = Path(__file__).with_name('lib')  # in a wheel
 
 
 def library() -> ctypes.CDLL | None:
-    """Load the kernels, compiling them if this machine has not yet (2 s); None if it cannot.
+    """Load the kernels, compiled here if the package has none (2 s, once); None if that fails.
 
     Says in the log, once, which it is and why.
 
@@ -48,6 +55,25 @@ def _loaded(instructions: InstructionSet | None) -> ctypes.CDLL | None:
     if instructions is None:
         log.info('sparse convolution: plain torch (%s=%s)', SWITCH, OFF)
         return None
+    loaded = _from_package(instructions)
+    return _from_compiler(instructions) if loaded is None else loaded
+
+
+def _from_package(instructions: InstructionSet) -> ctypes.CDLL | None:
+    """Load what the wheel brought, if it is of these sources and loads on this system."""
+    try:
+        path = SHIPPED / shipped_name(instructions, platform.machine())
+        if not path.exists():
+            return None
+        loaded = ctypes.CDLL(str(path))
+    except OSError as error:  # for want of libgomp.so.1, say, which torch mostly brings
+        log.warning('the kernels that come with the package do not load: %s', error)
+        return None
+    log.info('sparse convolution: compiled kernels (%s) of the package', instructions.name)
+    return loaded
+
+
+def _from_compiler(instructions: InstructionSet) -> ctypes.CDLL | None:
     compiler = shutil.which(os.environ.get('CXX', 'c++'))
     if compiler is None:
         log.info('sparse convolution: plain torch, several times slower; for speed install g++')
@@ -61,6 +87,30 @@ def _loaded(instructions: InstructionSet | None) -> ctypes.CDLL | None:
     return loaded
 
 
+def shipped_name(instructions: InstructionSet, machine: str) -> str:
+    """File name of a wheel's kernels: of these sources, for one kind of processor."""
+    return f'kernels-{machine}-{instructions.name}-{_digest(instructions)}.so'
+
+
+def ship(compiler: str, machine: str, folder: Path) -> list[Path]:
+    """Compile the kernels for each instruction set of a kind of processor, for a wheel.
+
+    A set that this compiler cannot compile for is left out, and named in the log: on processors
+    that have it the kernels are compiled at first use.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    made = []
+    for one in of(machine):
+        out = folder / shipped_name(one, machine)
+        try:
+            subprocess.run(command(compiler, one.options, out), check=True, timeout=SHIP_SECONDS)
+        except subprocess.SubprocessError as error:
+            log.warning('no kernels for %s: %s', one.name, error)
+            continue
+        made.append(out)
+    return made
+
+
 def command(compiler: str, options: tuple[str, ...], out: Path) -> list[str]:
     """What compiles all kernels into one shared library."""
     here = Path(__file__).parent
@@ -69,7 +119,7 @@ def command(compiler: str, options: tuple[str, ...], out: Path) -> list[str]:
 
 def _load(compiler: str, instructions: InstructionSet) -> ctypes.CDLL:
     """Load what lies in a folder of the user's own; compile it there if it lies in none."""
-    name = f'kernels-{instructions.name}-{_digest(compiler, instructions)}.so'
+    name = f'kernels-{instructions.name}-{_digest(instructions, _version(compiler))}.so'
     folders = list(_folders())
     for folder in folders:
         if _own(folder) and _own(folder / name):
@@ -92,13 +142,17 @@ def _compiled(compiler: str, instructions: InstructionSet, out: Path) -> Path:
     return out
 
 
-def _digest(compiler: str, instructions: InstructionSet) -> str:
-    """Tells these sources, this compiler and these options from others."""
+def _digest(instructions: InstructionSet, compiler: bytes = b'') -> str:
+    """Tells these sources, options and this compiler from others."""
     here = Path(__file__).parent
-    version = subprocess.run([compiler, '--version'], capture_output=True, check=True, timeout=10)
     parts = [(here / name).read_bytes() for name in (*SOURCES, *HEADERS)]
-    parts += [version.stdout, ' '.join((*FLAGS, *instructions.options)).encode()]
+    parts += [compiler, ' '.join((*FLAGS, *instructions.options)).encode()]
     return hashlib.sha256(b'\0'.join(parts)).hexdigest()[:16]
+
+
+def _version(compiler: str) -> bytes:
+    told = subprocess.run([compiler, '--version'], capture_output=True, check=True, timeout=10)
+    return told.stdout
 
 
 def _folders() -> Iterator[Path]:

@@ -66,11 +66,16 @@ def flags() -> frozenset[str]:
     return frozenset(told.split(':', 1)[1].split())
 
 
+def of(machine: str) -> tuple[InstructionSet, ...]:
+    """The sets of a kind of processor, as `platform.machine()` calls it, best first."""
+    return tuple(s for s in SETS if s.machine in ('', machine))
+
+
 @cache
 def available() -> tuple[InstructionSet, ...]:
     """The sets that this machine can run, best first; the last is there on every machine."""
-    machine, found = platform.machine(), flags()
-    return tuple(s for s in SETS if s.machine in ('', machine) and s.needs <= found)
+    found = flags()
+    return tuple(s for s in of(platform.machine()) if s.needs <= found)
 
 
 def held() -> InstructionSet | None:
