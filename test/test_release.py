@@ -34,3 +34,10 @@ def test_the_citation_says_what_to_cite():
     paper = cited['preferred-citation']
     assert (paper['year'], len(paper['authors'])) == (2023, 6)
     assert paper['url'] == ET.parse(ROOT / 'package.xml').getroot().findtext('url')
+
+
+def test_commits_are_checked_as_make_checks_them():
+    hooks = yaml.safe_load((ROOT / '.pre-commit-config.yaml').read_text())['repos'][0]['hooks']
+    rules = (ROOT / 'Makefile').read_text().replace('$(BIN)', '.venv/bin')
+    recipes = re.findall(r'^(?:lint|type): install\n\t(.*)', rules, re.MULTILINE)
+    assert {hook['entry'] for hook in hooks} == set(' && '.join(recipes).split(' && '))
