@@ -6,6 +6,7 @@ import sys
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
+import pytest
 import yaml
 
 import gcl_core
@@ -41,3 +42,25 @@ def test_commits_are_checked_as_make_checks_them():
     rules = (ROOT / 'Makefile').read_text().replace('$(BIN)', '.venv/bin')
     recipes = re.findall(r'^(?:lint|type): install\n\t(.*)', rules, re.MULTILINE)
     assert {hook['entry'] for hook in hooks} == set(' && '.join(recipes).split(' && '))
+
+
+def test_the_forge_runs_what_is_there():
+    jobs = yaml.safe_load((ROOT / '.github/workflows/ci.yml').read_text())['jobs']
+    targets = re.findall(r'^([\w-]+):', (ROOT / 'Makefile').read_text(), re.MULTILINE)
+    commands = jobs['check']['strategy']['matrix']['command']
+    assert '.ci/run' in commands
+    run = (ROOT / '.ci/run').read_text()
+    for target in re.findall(r'^make (\S+)', '\n'.join([*commands, run]), re.MULTILINE):
+        assert target in targets
+    assert {'make test', 'make test-jazzy'} <= set(run.splitlines())  # both distributions
+
+
+@pytest.mark.parametrize('form', sorted((ROOT / '.github/ISSUE_TEMPLATE').glob('[!c]*.yml')))
+def test_issue_forms_are_as_the_forge_reads_them(form):
+    content = yaml.safe_load(form.read_text())
+    assert {'name', 'description', 'body'} <= content.keys()
+    ids = [field['id'] for field in content['body']]
+    assert len(ids) == len(set(ids))
+    for field in content['body']:
+        assert field['type'] in {'input', 'textarea'}
+        assert field['attributes']['label']
