@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 
 .PHONY: install browser demo test test-aarch64 test-jazzy test-lowest lint type bench bench-engine \
 	bench-registration bench-age bench-compact bench-link bench-fuzz \
-	bench-trust soak audit docs wheel clean
+	bench-trust soak audit docs site wheel clean
 
 install: $(VENV)/installed
 
@@ -122,6 +122,10 @@ docs: install
 		--target build/pdoc pdoc
 	PYTHONPATH=build/pdoc $(BIN)/python -W error::UserWarning -m pdoc --docformat google \
 		--no-show-source --output-directory build/api gcl_core gcl_ros
+
+# The guides as a static site, build/site/index.html.
+site: install
+	sh .ci/site $(BIN)/python
 
 # Wheel and source distribution, into dist/.  MACHINE=aarch64 compiles across.
 # libgomp stays outside: torch brings it, and two of them in a process would each start threads.

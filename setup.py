@@ -132,7 +132,14 @@ setup(
         'kiss': ['kiss-matcher>=1.0'],  # one more estimator and peer, for comparison
         'completion': ['argcomplete>=2'],  # eval "$(register-python-argcomplete gcl)"
         'rerun': ['rerun-sdk>=0.20'],  # recordings to look around in: gcl register --rerun
-        'dev': ['ruff', 'mypy', 'types-PyYAML'],
+        'dev': [
+            'ruff',
+            'mypy',
+            'types-PyYAML',
+            'pre-commit',
+            'properdocs',  # make site
+            'properdocs-theme-mkdocs',
+        ],
     },
     entry_points={
         'console_scripts': [

@@ -42,6 +42,7 @@ def setup():
     tree = ast.parse((ROOT / 'setup.py').read_text())
     call = next(n for n in ast.walk(tree) if isinstance(n, ast.Call) and n.keywords)
     told = {k.arg: k.value for k in call.keywords}
+    extras = zip(told['extras_require'].keys, told['extras_require'].values)
     (packages,) = (
         ast.literal_eval(n.value)
         for n in tree.body
@@ -50,6 +51,7 @@ def setup():
     return {
         'install': names(ast.literal_eval(told['install_requires'])),
         'requirements': ast.literal_eval(told['install_requires']),
+        'tools': names(next(ast.literal_eval(v) for k, v in extras if k.value == 'dev')),
         'license': told['license'].value,
         'python': told['python_requires'].value,
         'ros': {package.replace('-', '_') for package in packages},
@@ -93,7 +95,7 @@ def test_constraints_pin_what_is_installed(setup):
     lines = (ROOT / 'constraints.txt').read_text().splitlines()
     pins = [line for line in lines if line and not line.startswith('#')]
     assert all('==' in pin for pin in pins)
-    assert names(pins) <= setup['install']
+    assert names(pins) <= setup['install'] | setup['tools']
 
 
 def test_the_lowest_constraints_are_what_setup_allows(setup):
