@@ -12,6 +12,7 @@ import yaml
 import gcl_core
 
 ROOT = Path(__file__).parents[1]
+INSTALL = (ROOT / 'docs/install.md').read_text()
 
 
 def test_the_version_is_the_same_everywhere():
@@ -64,3 +65,15 @@ def test_issue_forms_are_as_the_forge_reads_them(form):
     for field in content['body']:
         assert field['type'] in {'input', 'textarea'}
         assert field['attributes']['label']
+
+
+@pytest.mark.parametrize('distribution', ['humble', 'jazzy'])
+def test_images_are_set_up_as_the_guide_says(distribution):
+    """They are not built here: what can be held is that both say the same."""
+    image = (ROOT / f'docker/{distribution}.Dockerfile').read_text()
+    (install,) = re.findall(r'pip install -c src/\S+ ((?:\\\n|.)*)', INSTALL)
+    assert install in image
+    assert f'FROM ros:{distribution}-ros-base\n' in image
+    assert 'Not tried' in image
+    other = {'humble': 'jazzy', 'jazzy': 'humble'}[distribution]
+    assert other not in image.lower()
