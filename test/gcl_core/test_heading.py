@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from gcl_core import se3
-from gcl_core.ops.heading import dominant_heading
+from gcl_core.ops import heading as heading_module
+from gcl_core.ops.heading import CELL, GROUND_CELL, dominant_heading
 from gcl_core.registrar import Registrar
 
 
@@ -47,6 +48,33 @@ def test_scans_of_a_street_agree(drive):
 @pytest.mark.parametrize('points', [np.zeros((0, 3)), np.ones((5, 3)), np.full((5, 3), 200.0)])
 def test_what_has_no_direction_is_left_as_it_is(points):
     assert dominant_heading(points.astype(np.float32)) == 0.0
+
+
+def off_borders(points: np.ndarray) -> np.ndarray:
+    """What is in the same cells after a quarter turn."""
+    whole = [points[:, :2] / np.float32(cell) % 1 == 0 for cell in (CELL, GROUND_CELL)]
+    return points[~np.any(whole, axis=(0, 2))]
+
+
+@pytest.mark.parametrize('scan', [0, 90])
+def test_neither_a_quarter_turn_nor_the_order_of_points_changes_a_bit(drive, scan):
+    points = off_borders(drive.scan(scan).points)
+    turned = np.stack([-points[:, 1], points[:, 0], points[:, 2]], 1)
+    shuffled = np.random.default_rng(1).permutation(points)
+    heading = dominant_heading(points)
+    assert heading != 0.0
+    assert dominant_heading(turned) == heading
+    assert dominant_heading(shuffled) == heading
+
+
+@pytest.mark.usefixtures('compiled')
+@pytest.mark.parametrize('scan', [None, 0, 90])
+def test_compiled_votes_are_numpys(drive, scan, monkeypatch):
+    points = drive.scan(scan).points if scan is not None else np.zeros((0, 3), np.float32)
+    expected = dominant_heading(points)
+    monkeypatch.setattr(heading_module, 'heading_votes', lambda *_, **__: None)
+    assert dominant_heading(points) == expected
+    assert (expected == 0.0) == (scan is None)
 
 
 def test_a_view_is_turned_to_the_street(drive):

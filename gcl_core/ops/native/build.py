@@ -23,6 +23,7 @@ from gcl_core.ops.native.instructions import OFF, SWITCH, InstructionSet, held, 
 
 log = logging.getLogger(__name__)
 SOURCES = (
+    'heading.cpp',
     'kernel_map.cpp',
     'kpconv.cpp',
     'nearest.cpp',
