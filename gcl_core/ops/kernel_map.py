@@ -2,8 +2,8 @@
 
 Keys are sorted with z fastest, so the voxels of a column are found by one binary search and
 consecutive comparisons: for a cube of edge 3, 9 searches instead of 27, with queries in cache
-order. The compiled twin (native/kernel_map.cpp) walks through both lists instead and finds the
-same rows.
+order. The compiled twins (native/kernel_map.cpp, coarsen.cpp) walk through both lists instead and
+find the same rows.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from itertools import pairwise
 import torch
 from jaxtyping import Int32, Int64
 
-from gcl_core.ops.native.kernels import search as search_kernel
+from gcl_core.ops.native import kernel_map as native
 from gcl_core.ops.voxelize import AXIS_BITS, coarsen, refine
 
 UPPER_CORNER = (1 << 2 * AXIS_BITS) + (1 << AXIS_BITS) + 1  # from a key to that of (+1, +1, +1)
@@ -112,20 +112,44 @@ def invert(rows: Int32[torch.Tensor, 'k m'], num_inputs: int) -> Int32[torch.Ten
 
 def same_map(keys: Int64[torch.Tensor, ' n'], shape: KernelShape) -> KernelMap:
     """Map of a convolution that keeps the voxels as they are (stride 1, odd lengths)."""
-    compiled = search_kernel(keys, keys, (shape.edge, shape.height), axis_bits=AXIS_BITS)
-    return KernelMap(search(keys, keys, shape) if compiled is None else compiled[0], len(keys))
+    compiled = native.search_same(keys, (shape.edge, shape.height), axis_bits=AXIS_BITS)
+    return KernelMap(search(keys, keys, shape) if compiled is None else compiled, len(keys))
+
+
+def halved(
+    keys: Int64[torch.Tensor, ' n'],
+) -> tuple[Int64[torch.Tensor, ' m'], Int64[torch.Tensor, ' n']]:
+    """Voxels of twice the size, and which of them each voxel lies in."""
+    coarse = coarsen(keys)
+    compiled = native.unique(coarse, axis_bits=AXIS_BITS)
+    return compiled or torch.unique(coarse, return_inverse=True)
 
 
 def down_map(
-    fine: Int64[torch.Tensor, ' n'], coarse: Int64[torch.Tensor, ' m'], edge: int = 3
+    fine: Int64[torch.Tensor, ' n'],
+    coarse: Int64[torch.Tensor, ' m'],
+    edge: int = 3,
+    parent: Int64[torch.Tensor, ' n'] | None = None,
 ) -> KernelMap:
     """Map of a stride-2 convolution from `fine` to `coarse = unique(coarsen(fine))`.
 
     A cube of an odd edge lies around the first of a coarse voxel's 2^3 fine ones (torch's conv3d
     with padding edge // 2), one of an even edge around the middle of them (padding edge // 2 - 1).
+
+    Args:
+        fine: keys of the input voxels.
+        coarse: of the output voxels.
+        edge: of the kernel.
+        parent: row in `coarse` of each of `fine`, where it is known: for an edge of 2 it is the
+            map.
     """
+    compiled: tuple[torch.Tensor, torch.Tensor | None] | None
     centres = refine(coarse) + (0 if edge % 2 else UPPER_CORNER)
-    compiled = search_kernel(fine, centres, (edge, edge), axis_bits=AXIS_BITS, with_inverse=True)
+    if edge == 2 and parent is not None:
+        compiled = native.halving_map(fine, parent, len(coarse), axis_bits=AXIS_BITS)
+    else:
+        shape = (edge, edge)
+        compiled = native.search(fine, centres, shape, axis_bits=AXIS_BITS, with_inverse=True)
     if compiled is not None:
         return KernelMap(compiled[0], len(fine), compiled[1])
     found = search(fine, centres, KernelShape.cube(edge))
@@ -176,7 +200,7 @@ def build_pyramid(
     """
     all_keys, parents = [keys], []
     for _ in range(levels - 1):
-        coarse, parent = torch.unique(coarsen(all_keys[-1]), return_inverse=True)
+        coarse, parent = halved(all_keys[-1])
         all_keys.append(coarse)
         parents.append(parent)
     empty = KernelMap(torch.empty(block.offsets, 0, dtype=torch.int32, device=keys.device), 0)
@@ -188,5 +212,8 @@ def build_pyramid(
             same_map(level_keys, block) if level >= finest_block else empty
             for level, level_keys in enumerate(all_keys)
         ),
-        down=tuple(down_map(fine, coarse, down) for fine, coarse in pairwise(all_keys)),
+        down=tuple(
+            down_map(fine, coarse, down, parent)
+            for (fine, coarse), parent in zip(pairwise(all_keys), parents)
+        ),
     )

@@ -6,6 +6,7 @@ import torch
 from gcl_core.matching import nearest
 from gcl_core.models.blocks import ConvNorm
 from gcl_core.ops import kernel_map
+from gcl_core.ops.native import kernel_map as compiled_maps
 from gcl_core.ops.native import kernels
 from gcl_core.ops.native.nearest import nearest_rows
 from gcl_core.ops.sparse_conv import gather_matmul, gather_weight_grad, sparse_conv
@@ -20,6 +21,10 @@ def random_map(side: int = 14) -> kernel_map.KernelMap:
     generator = torch.Generator().manual_seed(3)
     coords = (torch.rand(side, side, side, generator=generator) < 0.2).nonzero()
     return kernel_map.same_map(encode(coords - side // 2), kernel_map.CUBE_3)
+
+
+def down_map_of(fine: torch.Tensor) -> kernel_map.KernelMap:
+    return kernel_map.down_map(fine, coarsen(fine).unique())
 
 
 def engine_of(dtype: torch.dtype) -> kernels.Kernels:
@@ -75,18 +80,53 @@ def test_folded_weights_are_forgotten_when_training_goes_on():
     torch.testing.assert_close(after, 3 * before)
 
 
-@pytest.mark.parametrize(('edge', 'height'), [(3, 3), (5, 5), (5, 3), (2, 2), (4, 4)])
-def test_maps(edge, height):
+def some_keys() -> torch.Tensor:
+    """Two scans with walls, whose voxels stand one upon the other."""
     generator = torch.Generator().manual_seed(6)
-    coords = torch.randint(-30, 30, (4000, 3), generator=generator)
-    fine = torch.cat([encode(coords).unique() + (scan << 48) for scan in (0, 1)])
+    loose = torch.randint(-30, 30, (4000, 3), generator=generator)
+    wall = torch.cartesian_prod(torch.tensor([-7, 11]), torch.arange(-9, 9), torch.arange(-5, 12))
+    keys = encode(torch.cat([loose, wall[torch.rand(len(wall), generator=generator) < 0.8]]))
+    return torch.cat([keys.unique() + (scan << 48) for scan in (0, 1)])
+
+
+@pytest.mark.parametrize(('edge', 'height'), [(3, 3), (5, 5), (5, 3), (2, 2), (4, 4), (1, 1)])
+def test_maps(edge, height):
+    fine = some_keys()
     corners = refine(coarsen(fine).unique())
+    shape = kernel_map.KernelShape(edge, height)
     for centres in (fine, corners, fine[:0]):
-        rows = kernel_map.search(fine, centres, kernel_map.KernelShape(edge, height))
-        found = kernels.search(fine, centres, (edge, height), axis_bits=16, with_inverse=True)
+        rows = kernel_map.search(fine, centres, shape)
+        found = compiled_maps.search(
+            fine, centres, (edge, height), axis_bits=16, with_inverse=True
+        )
         assert found is not None
         assert torch.equal(found[0], rows)
         assert torch.equal(found[1], kernel_map.invert(rows, len(fine)))
+    for keys in (fine, fine[:1], fine[:0]):
+        found = compiled_maps.search_same(keys, (edge, height), axis_bits=16)
+        assert (found is None) == (edge % 2 == 0)
+        assert found is None or torch.equal(found, kernel_map.search(keys, keys, shape))
+
+
+def test_halving():
+    for fine in (some_keys(), some_keys()[:1], some_keys()[:0]):
+        coarse, parent = torch.unique(coarsen(fine), return_inverse=True)
+        found = compiled_maps.unique(coarsen(fine), axis_bits=16)
+        assert found is not None
+        assert torch.equal(found[0], coarse)
+        assert torch.equal(found[1], parent)
+        centres = refine(coarse) + kernel_map.UPPER_CORNER
+        rows = kernel_map.search(fine, centres, kernel_map.KernelShape.cube(2))
+        table = compiled_maps.halving_map(fine, parent, len(coarse), axis_bits=16)
+        assert table is not None
+        assert torch.equal(table[0], rows)
+        assert torch.equal(table[1], kernel_map.invert(rows, len(fine)))
+
+
+def test_voxels_too_far_apart_to_be_sorted_are_left_to_torch():
+    corner = encode(torch.tensor([[-30000] * 3, [30000] * 3]))
+    assert compiled_maps.unique(torch.cat([corner, corner + (1 << 48)]), axis_bits=16) is None
+    assert kernel_map.halved(corner)[1].tolist() == [0, 1]
 
 
 @pytest.mark.parametrize('dtype', TOLERANCE)
@@ -99,7 +139,9 @@ def test_number_of_threads_does_not_change_a_bit(dtype):
         for count in (1, 2, 2, 3):
             torch.set_num_threads(count)
             out = sparse_conv(x, weight, kmap)
-            results.append((out, *torch.autograd.grad(out.sum(), (x, weight))))
+            maps = random_map(side=24), down_map_of(some_keys())
+            tables = [table for made in maps for table in (made.neighbors, made.inverse)]
+            results.append((out, *torch.autograd.grad(out.sum(), (x, weight)), *tables))
     finally:
         torch.set_num_threads(threads)
     assert all(torch.equal(a, b) for other in results for a, b in zip(results[0], other))

@@ -23,6 +23,7 @@ from gcl_core.ops.native.instructions import OFF, SWITCH, InstructionSet, held, 
 
 log = logging.getLogger(__name__)
 SOURCES = (
+    'coarsen.cpp',
     'heading.cpp',
     'kernel_map.cpp',
     'kpconv.cpp',
@@ -33,7 +34,7 @@ SOURCES = (
     'support.cpp',
     'voxelize.cpp',
 )
-HEADERS = ('product.h',)
+HEADERS = ('order.h', 'product.h')
 FLAGS = ('-O3', '-fopenmp', '-shared', '-fPIC', '-fno-exceptions', '-fno-rtti')
 COMPILE_SECONDS, SHIP_SECONDS = 120, 1200  # the second on an emulated machine, too
 OTHERS_WRITE = 0o022

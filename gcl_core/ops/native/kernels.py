@@ -9,7 +9,7 @@ from functools import cache
 from typing import Any
 
 import torch
-from jaxtyping import Float, Int32, Int64
+from jaxtyping import Float, Int32
 
 from gcl_core.ops.native.build import library
 
@@ -150,29 +150,3 @@ def kernels_for(x: torch.Tensor) -> Kernels | None:
 
 
 _kernels = cache(Kernels)
-
-
-def search(
-    keys: Int64[torch.Tensor, ' n'],
-    centres: Int64[torch.Tensor, ' m'],
-    shape: tuple[int, int],
-    *,
-    axis_bits: int,
-    with_inverse: bool = False,
-) -> tuple[Int32[torch.Tensor, 'k m'], Int32[torch.Tensor, 'k n'] | None] | None:
-    """Neighbour table and, if asked for, its inverse; None if torch has to do it."""
-    lib = library() if keys.device.type == 'cpu' else None
-    if lib is None:
-        return None
-    keys, centres = keys.contiguous(), centres.contiguous()
-    edge, height = shape
-    offsets = edge * edge * height
-    rows = torch.empty(offsets, len(centres), dtype=torch.int32)
-    inverse = torch.empty(offsets, len(keys), dtype=torch.int32) if with_inverse else None
-    lib.gcl_search(
-        *(at(keys), ctypes.c_int64(len(keys))),
-        *(at(centres), ctypes.c_int64(len(centres)), INT(edge), INT(height), INT(axis_bits)),
-        *(at(rows), None if inverse is None else at(inverse)),
-        INT(torch.get_num_threads()),
-    )
-    return rows, inverse

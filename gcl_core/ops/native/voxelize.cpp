@@ -3,30 +3,9 @@
 // A voxel's place among those between the outermost ones takes some 25 bits, which three passes of
 // a radix sort bring into order; points of a voxel keep theirs, so that means are equal to torch's.
 
-#include <algorithm>
-#include <array>
 #include <cmath>
-#include <cstdint>
-#include <vector>
 
-namespace {
-
-constexpr int DIGIT = 11;
-constexpr int ROW_BITS = 24;
-
-void radix_sort(std::vector<uint64_t>& entries, int low, int high) {
-    std::vector<uint64_t> other(entries.size());
-    for (int shift = low; shift < high; shift += DIGIT) {
-        std::array<uint32_t, (1 << DIGIT) + 1> begin{};
-        const uint64_t mask = (1 << DIGIT) - 1;
-        for (const uint64_t entry : entries) ++begin[((entry >> shift) & mask) + 1];
-        for (size_t i = 1; i < begin.size(); ++i) begin[i] += begin[i - 1];
-        for (const uint64_t entry : entries) other[begin[(entry >> shift) & mask]++] = entry;
-        entries.swap(other);
-    }
-}
-
-}  // namespace
+#include "order.h"
 
 // keys, mean: room for n voxels. Returns how many there are, -1 where torch has to do it: a voxel
 // further than `limit` from the origin on an axis, or too many places.
@@ -54,8 +33,7 @@ extern "C" int64_t gcl_voxelize(const float* points, int64_t n, float size, floa
     }
     if (cells.empty()) return 0;
     int bits[3];
-    for (int axis = 0; axis < 3; ++axis)
-        for (bits[axis] = 0; (high[axis] - low[axis]) >> bits[axis]; ++bits[axis]) {}
+    for (int axis = 0; axis < 3; ++axis) bits[axis] = bits_of(high[axis] - low[axis]);
     const int place_bits = bits[0] + bits[1] + bits[2];
     if (place_bits + ROW_BITS > 64) return -1;
     std::vector<uint64_t> entries(cells.size());
@@ -71,9 +49,9 @@ extern "C" int64_t gcl_voxelize(const float* points, int64_t n, float size, floa
         const uint64_t place = entries[i] >> ROW_BITS;
         float sum[3] = {0, 0, 0};
         const size_t begin = i;
-        const auto& cell = cells[entries[i] & ((1 << ROW_BITS) - 1)];
+        const auto& cell = cells[entries[i] & ROW];
         for (; i < entries.size() && entries[i] >> ROW_BITS == place; ++i) {
-            const float* p = points + 3 * cells[entries[i] & ((1 << ROW_BITS) - 1)][3];
+            const float* p = points + 3 * cells[entries[i] & ROW][3];
             for (int axis = 0; axis < 3; ++axis) sum[axis] += p[axis];
         }
         const int64_t bias = int64_t(1) << (axis_bits - 1);
