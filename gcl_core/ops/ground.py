@@ -5,7 +5,8 @@ from __future__ import annotations
 import torch
 from jaxtyping import Float, Int64
 
-from gcl_core.ops.voxelize import encode
+from gcl_core.ops.native.ground import height_above
+from gcl_core.ops.voxelize import AXIS_BITS, BIAS, MARGIN, encode
 
 CELL = 4.0  # metres; a wall or a car does not fill a cell, so that some of it is ground
 GHOST_FRACTION = 0.02  # lowest points of a cell that are taken for reflections below the ground
@@ -19,9 +20,21 @@ def height_above_ground(
     Args:
         points: z up within a few degrees.
         scan: scan index of each point; scans do not see each other's ground.
+
+    Raises:
+        GclError: a point lies more than 130 km away.
     """
     if len(points) == 0:
         return points.new_zeros(0)
+    grid = {'axis_bits': AXIS_BITS, 'limit': BIAS - MARGIN}
+    compiled = height_above(points, scan, cell=CELL, ghosts=GHOST_FRACTION, **grid)
+    return _above(points, scan) if compiled is None else compiled
+
+
+def _above(
+    points: Float[torch.Tensor, 'n 3'], scan: Int64[torch.Tensor, ' n']
+) -> Float[torch.Tensor, ' n']:
+    """Height over the lowest ground of the cells around each point."""
     cell = torch.floor(points / CELL).long()
     cell[:, 2] = 0
     key = encode(cell) + (scan << 48)

@@ -3,6 +3,7 @@ import pytest
 import torch
 
 from gcl_core.errors import GclError
+from gcl_core.ops import ground
 from gcl_core.ops import voxelize as voxelize_module
 from gcl_core.ops.ground import height_above_ground
 from gcl_core.ops.native.voxelize import group_points
@@ -54,6 +55,22 @@ def test_height_above_ground_follows_the_slope_and_ignores_a_ghost():
     height = height_above_ground(points, torch.zeros(len(points), dtype=torch.long))
     assert float(height[-2]) == pytest.approx(3.0, abs=0.25)
     assert float(height[:-2].max()) < 0.3
+
+
+@pytest.mark.usefixtures('compiled')
+@pytest.mark.parametrize('count', [1, 500, 20000])
+def test_compiled_heights_are_torchs(count):
+    generator = torch.Generator().manual_seed(9)
+    points = torch.randn(count, 3, generator=generator) * torch.tensor([40.0, 40.0, 4.0])
+    points[: count // 2, :2] /= 10  # cells of many points, whose lowest are ghosts
+    scan = torch.randint(3, (count,), generator=generator)
+    assert torch.equal(height_above_ground(points, scan), ground._above(points, scan))
+
+
+@pytest.mark.usefixtures('compiled')
+def test_height_of_a_point_off_the_grid_is_refused():
+    with pytest.raises(GclError, match='50000 voxels'):
+        height_above_ground(torch.tensor([[2e5, 0.0, 0.0]]), torch.tensor([0]))
 
 
 @pytest.mark.usefixtures('compiled')

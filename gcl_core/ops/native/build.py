@@ -24,6 +24,7 @@ from gcl_core.ops.native.instructions import OFF, SWITCH, InstructionSet, held, 
 log = logging.getLogger(__name__)
 SOURCES = (
     'coarsen.cpp',
+    'ground.cpp',
     'heading.cpp',
     'kernel_map.cpp',
     'kpconv.cpp',
