@@ -14,7 +14,15 @@ from gcl_core.ops.voxelize import coarsen, encode, refine
 
 pytestmark = pytest.mark.usefixtures('compiled')
 TOLERANCE = {torch.float32: 1e-5, torch.bfloat16: 1e-2}
-CHANNELS = [(1, 32), (2, 32), (3, 5), (32, 64), (96, 100)]  # odd, narrow, wide, no multiple
+CHANNELS = [
+    (1, 32),
+    (2, 32),
+    (3, 5),
+    (32, 64),
+    (48, 48),
+    (7, 80),
+    (96, 100),
+]  # in vectors: odd, even
 
 
 def random_map(side: int = 14) -> kernel_map.KernelMap:

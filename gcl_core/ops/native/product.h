@@ -51,6 +51,29 @@ inline void store(Vector value, bfloat16* to) {  // as `narrow`
     *reinterpret_cast<Half*>(to) = __builtin_convertvector(chosen, Half);
 }
 
+// Of LANES numbers, those below `limit` one behind the other, and their places, counted from
+// `place`; returns how many there are. Writes LANES numbers to both.
+inline long keep_below(const int32_t* from, int32_t limit, int32_t place, int32_t* kept,
+                       int32_t* places) {
+#if defined(__AVX512F__)
+    const __m512i numbers = _mm512_loadu_si512(from);
+    const __m512i all = _mm512_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
+    const __mmask16 below = _mm512_cmplt_epi32_mask(numbers, _mm512_set1_epi32(limit));
+    const __m512i here = _mm512_add_epi32(all, _mm512_set1_epi32(place));
+    _mm512_storeu_si512(kept, _mm512_maskz_compress_epi32(below, numbers));
+    _mm512_storeu_si512(places, _mm512_maskz_compress_epi32(below, here));
+    return __builtin_popcount(below);
+#else
+    long count = 0;
+    for (long lane = 0; lane < LANES; ++lane) {
+        kept[count] = from[lane];
+        places[count] = place + int32_t(lane);
+        count += from[lane] < limit;
+    }
+    return count;
+#endif
+}
+
 // STEP consecutive input channels are multiplied by one instruction.
 template <class T> struct Product;
 template <> struct Product<float> {

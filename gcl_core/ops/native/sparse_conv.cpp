@@ -2,9 +2,9 @@
 //
 // Output rows are taken in tiles whose float32 sums stay in the second-level cache. For each
 // kernel offset the tile's existing pairs are listed, and a register block of 6 pairs x 4 vectors
-// reads its input rows where they lie: nothing is gathered, nothing is scattered. Every tile (and
-// every offset of the weight's gradient) belongs to one thread, so results do not depend on the
-// number of threads.
+// reads its input rows where they lie: nothing is gathered, nothing is
+// scattered. Every tile (and every offset of the weight's gradient) belongs to one thread, so
+// results do not depend on the number of threads.
 
 #include <cstddef>
 #include <cstdlib>
@@ -13,13 +13,19 @@
 
 namespace {
 
-constexpr int NARROW = 2;
 constexpr int PAIRS = 6;                   // rows of a register block
 constexpr long TILE_BYTES = 192 * 1024;    // of float32 sums: a share of the second-level cache
 constexpr long WEIGHT_GRAD_PAIRS = 256;    // pairs packed at a time: 256 x 128 bf16 are 64 kB
 
 inline long round_up(long value, long to) { return (value + to - 1) / to * to; }
-inline long padded_width(long channels) { return round_up(channels, NARROW * LANES); }
+inline long padded_width(long channels) { return round_up(channels, LANES); }
+
+// Vectors of the next register block, where so many columns are left: as many as fit, but of 5
+// vectors 3 and then 2, since one alone waits for its own sums.
+inline int block_vectors(long columns) {
+    const long left = columns / LANES;
+    return int(left == WIDE + 1 && WIDE > 2 ? WIDE - 1 : left < WIDE ? left : WIDE);
+}
 
 // Memory that a thread keeps from call to call, so that no call pays for page faults.
 struct Scratch {
@@ -75,11 +81,27 @@ void blocks(int rows, const T* const* a, long a_step, long depth, const T* b, lo
     }
 }
 
-// Lists the pairs (input row, output row) of one offset; returns how many there are.
+template <class T> using Blocks = decltype(&blocks<T, 1>);
+
+// The register blocks of so many vectors.
+template <class T> Blocks<T> blocks_of(int vectors) {
+    static_assert(WIDE == 2 || WIDE == 4, "a case for each");
+    switch (vectors) {
+        case 1: return blocks<T, 1>;
+        case 2: return blocks<T, 2>;
+        case 3: return blocks<T, WIDE == 4 ? 3 : WIDE>;
+        default: return blocks<T, WIDE>;
+    }
+}
+
+// Lists the pairs (input row, output row) of one offset; returns how many there are. `in` and
+// `out` have room for all, and LANES more.
 inline long list_pairs(const int32_t* neighbors, long begin, long end, int32_t n_in,
                        int32_t* in, int32_t* out) {
-    long count = 0;
-    for (long row = begin; row < end; ++row) {
+    long count = 0, row = begin;
+    for (; row + LANES <= end; row += LANES)
+        count += keep_below(neighbors + row, n_in, int32_t(row - begin), in + count, out + count);
+    for (; row < end; ++row) {
         in[count] = neighbors[row];
         out[count] = int32_t(row - begin);
         count += neighbors[row] < n_in;
@@ -97,7 +119,7 @@ void pack(const float* weight, long kernel, long c_in, long c_out, bool transpos
         const float* from = weight + k * c_in * c_out;
         T* to = packed + k * depth * width;
         for (long column = 0; column < width;) {
-            const long columns = (width - column >= WIDE * LANES ? WIDE : NARROW) * LANES;
+            const long columns = block_vectors(width - column) * LANES;
             for (long i = 0; i < depth; ++i)
                 for (long j = 0; j < columns; ++j) {
                     const long o = column + j;
@@ -121,8 +143,9 @@ void convolve_tile(const T* x, long c_in, const int32_t* neighbors, long n_out, 
         const long count = list_pairs(neighbors + k * n_out, begin, end, n_in, in, out);
         const T* panel = packed + k * c_in * width;
         for (long column = 0; column < width;) {
-            const bool wide = width - column >= WIDE * LANES;
-            const long columns = (wide ? WIDE : NARROW) * LANES;
+            const int vectors = block_vectors(width - column);
+            const long columns = vectors * LANES;
+            const Blocks<T> multiply = blocks_of<T>(vectors);
             for (long pair = 0; pair < count; pair += PAIRS) {
                 const int rows = int(count - pair < PAIRS ? count - pair : PAIRS);
                 const T* a[PAIRS];
@@ -131,8 +154,7 @@ void convolve_tile(const T* x, long c_in, const int32_t* neighbors, long n_out, 
                     a[r] = x + in[pair + r] * c_in;
                     to[r] = sums + out[pair + r] * width + column;
                 }
-                (wide ? blocks<T, WIDE> : blocks<T, NARROW>)(rows, a, STEP, c_in / STEP, panel,
-                                                             columns * STEP, to);
+                multiply(rows, a, STEP, c_in / STEP, panel, columns * STEP, to);
             }
             panel += c_in * columns;
             column += columns;
@@ -166,14 +188,14 @@ void convolve(const T* x, int32_t n_in, long c_in, const int32_t* neighbors, lon
         const long begin = t * tile, end = begin + tile < n_out ? begin + tile : n_out;
         if (begin >= end) continue;
         const long sums_bytes = round_up(tile * width * 4, 64);
-        char* memory = scratch.get(sums_bytes + 2 * (tile + 1) * 4);
+        char* memory = scratch.get(sums_bytes + 2 * (tile + LANES) * 4);
         float* sums = reinterpret_cast<float*>(memory);
         int32_t* in = reinterpret_cast<int32_t*>(memory + sums_bytes);
         for (long row = begin; row < end; ++row)
             start_sums(sums + (row - begin) * width, width, c_out, bias,
                        residual ? residual + row * c_out : nullptr);
         convolve_tile(x, c_in, neighbors, n_out, kernel, n_in, packed, width, begin, end, sums,
-                      in, in + tile + 1);
+                      in, in + tile + LANES);
         for (long row = begin; row < end; ++row)
             store(sums + (row - begin) * width, c_out, relu, out + row * c_out);
     }
@@ -199,7 +221,8 @@ void weight_grad_block(const T* a, long a_width, const T* g, long g_width, long 
                        float* sums) {
     constexpr long STEP = Product<T>::STEP;
     for (long column = 0; column < g_width;) {
-        const bool wide = g_width - column >= WIDE * LANES;
+        const int vectors = block_vectors(g_width - column);
+        const Blocks<T> multiply = blocks_of<T>(vectors);
         for (long i = 0; i < c_in; i += PAIRS) {
             const int rows = int(c_in - i < PAIRS ? c_in - i : PAIRS);
             const T* from[PAIRS];
@@ -208,10 +231,9 @@ void weight_grad_block(const T* a, long a_width, const T* g, long g_width, long 
                 from[r] = a + (i + r) * STEP;
                 to[r] = sums + (i + r) * g_width + column;
             }
-            (wide ? blocks<T, WIDE> : blocks<T, NARROW>)(rows, from, a_width * STEP, depth,
-                                                         g + column * STEP, g_width * STEP, to);
+            multiply(rows, from, a_width * STEP, depth, g + column * STEP, g_width * STEP, to);
         }
-        column += (wide ? WIDE : NARROW) * LANES;
+        column += vectors * LANES;
     }
 }
 
@@ -226,12 +248,12 @@ void weight_grad(const T* x, int32_t n_in, long c_in, const int32_t* neighbors, 
         const long sums_bytes = round_up(c_in * width * 4, 64);
         const long a_bytes = round_up(WEIGHT_GRAD_PAIRS * c_in * sizeof(T), 64);
         const long g_bytes = round_up(WEIGHT_GRAD_PAIRS * width * sizeof(T), 64);
-        char* memory = scratch.get(sums_bytes + a_bytes + g_bytes + 2 * (n_out + 1) * 4);
+        char* memory = scratch.get(sums_bytes + a_bytes + g_bytes + 2 * (n_out + LANES) * 4);
         float* sums = reinterpret_cast<float*>(memory);
         T* a = reinterpret_cast<T*>(memory + sums_bytes);
         T* g = reinterpret_cast<T*>(memory + sums_bytes + a_bytes);
         int32_t* in = reinterpret_cast<int32_t*>(memory + sums_bytes + a_bytes + g_bytes);
-        int32_t* out = in + n_out + 1;
+        int32_t* out = in + n_out + LANES;
         std::memset(sums, 0, sums_bytes);
         const long count = list_pairs(neighbors + k * n_out, 0, n_out, n_in, in, out);
         for (long pair = 0; pair < count; pair += WEIGHT_GRAD_PAIRS) {
