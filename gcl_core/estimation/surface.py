@@ -10,7 +10,8 @@ from jaxtyping import Bool, Float, Int64, UInt8
 
 from gcl_core.matching.keypoints import spread
 from gcl_core.ops.ground import height_above_ground
-from gcl_core.ops.repeatable import atan2
+from gcl_core.ops.native.grids import grid_numbers, mean_heights, occupancy
+from gcl_core.ops.native.range_image import range_image
 from gcl_core.ops.voxelize import voxelize
 from gcl_core.types import PointCloud
 
@@ -22,9 +23,15 @@ CHECKED = 2000  # solid points of a scan that are checked, spread in space
 AZIMUTH, ELEVATION = math.radians(0.6), math.radians(0.8)  # cell of the range image
 LOWEST, HIGHEST = math.radians(-32.0), math.radians(24.0)
 ROWS, COLUMNS = round((HIGHEST - LOWEST) / ELEVATION), round(2 * math.pi / AZIMUTH)
+# Borders of cells as slopes, so that a quotient and comparisons tell a cell: the same on every
+# machine, which an arc tangent is not. Columns are told by eighths of a turn.
+COLUMN_SLOPES = torch.tensor([math.tan(AZIMUTH * (i + 1)) for i in range(COLUMNS // 8)])
+ROW_SLOPES = torch.tensor([math.tan(LOWEST + ELEVATION * i) for i in range(ROWS + 1)])
+LEAST = 1e-30  # metres: a divisor instead of 0
 CELL = 0.5  # metres, of the occupancy grid
 GROUND_CELL = 2.0  # metres
 BELOW, ABOVE = -12.0, 18.0  # metres, height of the grids around the sensor
+LOW = (-MAX_RANGE, -MAX_RANGE, BELOW)  # corner of the grids
 
 
 @dataclass(frozen=True)
@@ -57,7 +64,7 @@ def surface(cloud: PointCloud) -> Surface:
     points = voxelize([cloud], voxel_size=SPACING, max_range=MAX_RANGE).points
     above = height_above_ground(points, torch.zeros(len(points), dtype=torch.long))
     solid, ground = points[above > SOLID_HEIGHT], points[above < GROUND_HEIGHT]
-    near, far = _range_image(torch.from_numpy(cloud.points).t().contiguous())
+    near, far = _range_image(torch.from_numpy(cloud.points))
     return Surface(
         solid=solid[spread(solid, CHECKED)],
         ground=ground[spread(ground, CHECKED // 2)],
@@ -73,18 +80,34 @@ def direction_cell(
 ) -> tuple[Int64[torch.Tensor, '*h n'], Float[torch.Tensor, '*h n'], Bool[torch.Tensor, '*h n']]:
     """Flat cell of the range image, range, and whether the direction lies within the image."""
     x, y, z = points.unbind(-2)
-    flat = x * x + y * y
-    column = ((atan2(y, x) + math.pi) / AZIMUTH).floor_()
-    column = torch.where(column < COLUMNS, column, 0.0)  # straight behind is one direction
-    row = ((atan2(z, flat.sqrt()) - LOWEST) / ELEVATION).floor_()
+    flat = x.double().square() + y.double().square()  # products are exact: rounded once
+    rise = z / flat.sqrt().float().clamp(min=LEAST)
+    row = torch.bucketize(rise, ROW_SLOPES, right=True) - 1
     inside = (row >= 0) & (row < ROWS)
-    cell = row.clamp_(0, ROWS - 1).mul_(COLUMNS).add_(column)
-    return cell.long(), (flat + z * z).sqrt_(), inside
+    cell = row.clamp_(0, ROWS - 1).mul_(COLUMNS).add_(_column(x, y))
+    return cell, (flat + z.double().square()).sqrt_().float(), inside
 
 
-def _range_image(points: Float[torch.Tensor, '3 n']) -> tuple[torch.Tensor, torch.Tensor]:
+def _column(
+    x: Float[torch.Tensor, '*h n'], y: Float[torch.Tensor, '*h n']
+) -> Int64[torch.Tensor, '*h n']:
+    """Column of the range image; the first is straight behind, to the right."""
+    across, along = y.abs(), x.abs()
+    slope = torch.minimum(across, along) / torch.maximum(across, along).clamp(min=LEAST)
+    steps = torch.bucketize(slope, COLUMN_SLOPES, right=True)  # from the nearer axis
+    steps = torch.where(across > along, COLUMNS // 4 - 1 - steps, steps)  # from the x axis
+    left = torch.where(x < 0, COLUMNS - 1 - steps, COLUMNS // 2 + steps)
+    right = torch.where(x < 0, steps, COLUMNS // 2 - 1 - steps)
+    return torch.where(y < 0, right, left)
+
+
+def _range_image(points: Float[torch.Tensor, 'n 3']) -> tuple[torch.Tensor, torch.Tensor]:
     """Shortest and longest range over 3 x 3 cells around each direction."""
-    cell, distance, inside = direction_cell(points)
+    return range_image(points, COLUMN_SLOPES, ROW_SLOPES) or _image_of(points)
+
+
+def _image_of(points: Float[torch.Tensor, 'n 3']) -> tuple[torch.Tensor, torch.Tensor]:
+    cell, distance, inside = direction_cell(points.t().contiguous())
     # What lies outside goes to a cell of its own.
     cell = torch.where(inside, cell, ROWS * COLUMNS)
     empty = torch.full((ROWS * COLUMNS + 1,), math.inf)
@@ -112,7 +135,7 @@ def grid_cell(
     """Flat cell of such a grid, and whether it lies within the margin; cell 0 if it does not."""
     shape = grid_shape(size)
     flat, inside = torch.zeros(1), torch.ones(1, dtype=torch.bool)
-    for row, low, cells in zip(points.unbind(-2), (-MAX_RANGE, -MAX_RANGE, BELOW), shape):
+    for row, low, cells in zip(points.unbind(-2), LOW, shape):
         place = ((row - low) / size).floor_() + 1
         inside = inside & (place > 0) & (place < cells - 1)
         flat = flat * cells + place  # exact: float32 counts to 16 million
@@ -127,7 +150,17 @@ def neighbors(size: float) -> Int64[torch.Tensor, '27 4']:
     return torch.cat([offsets, flat], 1)
 
 
+def numbers_of_grid(size: float) -> Float[torch.Tensor, ' 7']:
+    """Such a grid for compiled functions."""
+    return grid_numbers(LOW, size, grid_shape(size))
+
+
 def _occupancy(solid: Float[torch.Tensor, 'n 3']) -> UInt8[torch.Tensor, ' cells']:
+    found = occupancy(solid, numbers_of_grid(CELL))
+    return _occupied_by(solid) if found is None else found
+
+
+def _occupied_by(solid: Float[torch.Tensor, 'n 3']) -> UInt8[torch.Tensor, ' cells']:
     grid = torch.zeros(math.prod(grid_shape(CELL)), dtype=torch.uint8)
     cell, inside = grid_cell(solid.t(), CELL)
     cell = cell[inside].unique()
@@ -138,6 +171,11 @@ def _occupancy(solid: Float[torch.Tensor, 'n 3']) -> UInt8[torch.Tensor, ' cells
 
 def _ground_grid(ground: Float[torch.Tensor, 'n 3']) -> Float[torch.Tensor, ' columns']:
     """Mean height of the ground points of each column of cells."""
+    found = mean_heights(ground, numbers_of_grid(GROUND_CELL))
+    return _mean_heights(ground) if found is None else found
+
+
+def _mean_heights(ground: Float[torch.Tensor, 'n 3']) -> Float[torch.Tensor, ' columns']:
     across, _, upwards = grid_shape(GROUND_CELL)
     cell, inside = grid_cell(ground.t(), GROUND_CELL)
     column, columns = cell[inside] // upwards, across * across

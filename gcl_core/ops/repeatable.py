@@ -15,7 +15,6 @@ from jaxtyping import Float
 
 from gcl_core.ops.native.kernels import kernels_for
 
-PIECE = 1 << 14  # numbers; torch shares out 32,768 and more
 ROW_PIECE = 1 << 10  # numbers of a row that are added up at a time
 
 
@@ -30,12 +29,6 @@ def moved(
     out += rows[:, :, 2] * z
     out += rows[:, :, 3]
     return out
-
-
-def atan2(y: Float[torch.Tensor, '*n'], x: Float[torch.Tensor, '*n']) -> Float[torch.Tensor, '*n']:
-    """Arc tangent in pieces: torch rounds those of a thread's last numbers otherwise."""
-    pieces = zip(y.flatten().split(PIECE), x.flatten().split(PIECE))
-    return torch.cat([torch.atan2(a, b) for a, b in pieces]).view(y.shape)
 
 
 def row_sums(values: Float[torch.Tensor, 'h n']) -> Float[torch.Tensor, ' h']:

@@ -152,12 +152,6 @@ def test_row_sums(shape):
     threads_agree(lambda: repeatable.row_sums(x))
 
 
-def test_arc_tangent():
-    y, x = numbers(3, 40_001), numbers(3, 40_001).flip(1)
-    torch.testing.assert_close(repeatable.atan2(y, x), torch.atan2(y, x))
-    threads_agree(lambda: repeatable.atan2(y, x))
-
-
 def test_moved_points_are_transformed_ones():
     points = 30 * numbers(5000, 3).double()
     Ts = [se3.from_xyz_rpy(1, 2, 3, 0.1, 0.2, yaw) for yaw in (0.0, 1.0)]
