@@ -5,6 +5,7 @@ from __future__ import annotations
 import torch
 from jaxtyping import Float, Int64
 
+from gcl_core.ops.native.spread import spread_rows
 from gcl_core.types import Features
 
 CELL = 4.0  # metres; a cell of a dense near field gives as many key points as one far away
@@ -18,6 +19,13 @@ def spread(points: Float[torch.Tensor, 'n 3'], limit: int) -> Int64[torch.Tensor
     if len(points) <= limit:
         return torch.arange(len(points))
     order = torch.randperm(len(points), generator=torch.Generator().manual_seed(0))
+    rows = spread_rows(points, order, size=CELL, limit=limit)
+    return _in_turn(points, order, limit) if rows is None else rows
+
+
+def _in_turn(
+    points: Float[torch.Tensor, 'n 3'], order: Int64[torch.Tensor, ' n'], limit: int
+) -> Int64[torch.Tensor, ' k']:
     cell = torch.floor(points[order] / CELL).long()
     key = (cell[:, 0] << 42) + (cell[:, 1] << 21) + cell[:, 2]
     by_cell = torch.argsort(key, stable=True)

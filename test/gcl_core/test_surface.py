@@ -6,6 +6,8 @@ import pytest
 import torch
 
 from gcl_core.estimation import surface
+from gcl_core.matching import keypoints
+from gcl_core.ops.native.spread import spread_rows
 
 
 def scattered(count, seed=0):
@@ -62,3 +64,17 @@ def test_range_image_does_not_depend_on_threads():
         torch.set_num_threads(threads)
     for other in found:
         same(other, found[0])
+
+
+@pytest.mark.usefixtures('compiled')
+@pytest.mark.parametrize(('count', 'limit'), [(2, 1), (300, 299), (5000, 1), (5000, 2000)])
+def test_compiled_choice_of_points_is_torchs(count, limit):
+    points = scattered(count)
+    order = torch.randperm(count, generator=torch.Generator().manual_seed(1))
+    ours = spread_rows(points, order, size=keypoints.CELL, limit=limit)
+    assert torch.equal(ours, keypoints._in_turn(points, order, limit))
+
+
+def test_points_too_far_apart_are_chosen_by_torch():
+    points = scattered(50) * 1e4
+    assert len(keypoints.spread(points, 20)) == 20

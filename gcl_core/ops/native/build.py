@@ -34,6 +34,7 @@ SOURCES = (
     'radius.cpp',
     'range_image.cpp',
     'sparse_conv.cpp',
+    'spread.cpp',
     'support.cpp',
     'voxelize.cpp',
 )
