@@ -43,7 +43,8 @@ class Surface:
         ground: points of the ground, likewise.
         near: shortest range around each direction, metres; 0 where no return came back.
         far: longest range around each direction; inf where no return came back.
-        occupied: 2 where a cell (see `grid_cell`) holds solid points, 1 beside such a cell.
+        occupied: two bits for each cell (see `grid_cell`), four cells in a byte: the first is set
+            where it or one beside it holds solid points, the second where it does itself.
         height: ground height of each column of cells; nan where none was seen.
     """
 
@@ -51,7 +52,7 @@ class Surface:
     ground: Float[torch.Tensor, 'm 3']
     near: Float[torch.Tensor, 'elevation azimuth']
     far: Float[torch.Tensor, 'elevation azimuth']
-    occupied: UInt8[torch.Tensor, ' cells']
+    occupied: UInt8[torch.Tensor, ' quarter']
     height: Float[torch.Tensor, ' columns']
 
 
@@ -155,18 +156,27 @@ def numbers_of_grid(size: float) -> Float[torch.Tensor, ' 7']:
     return grid_numbers(LOW, size, grid_shape(size))
 
 
-def _occupancy(solid: Float[torch.Tensor, 'n 3']) -> UInt8[torch.Tensor, ' cells']:
+def _occupancy(solid: Float[torch.Tensor, 'n 3']) -> UInt8[torch.Tensor, ' quarter']:
     found = occupancy(solid, numbers_of_grid(CELL))
     return _occupied_by(solid) if found is None else found
 
 
-def _occupied_by(solid: Float[torch.Tensor, 'n 3']) -> UInt8[torch.Tensor, ' cells']:
-    grid = torch.zeros(math.prod(grid_shape(CELL)), dtype=torch.uint8)
+def _occupied_by(solid: Float[torch.Tensor, 'n 3']) -> UInt8[torch.Tensor, ' quarter']:
+    cells = math.prod(grid_shape(CELL))
+    grid = torch.zeros(cells + -cells % 4, dtype=torch.uint8)
     cell, inside = grid_cell(solid.t(), CELL)
     cell = cell[inside].unique()
     grid[(cell[:, None] + neighbors(CELL)[:, 3]).flatten()] = 1
-    grid[cell] = 2
-    return grid
+    grid[cell] = 3
+    first, second, third, fourth = grid.view(-1, 4).unbind(1)
+    return first | second << 2 | third << 4 | fourth << 6
+
+
+def occupied_at(
+    occupied: UInt8[torch.Tensor, ' quarter'], cell: Int64[torch.Tensor, '*h n']
+) -> UInt8[torch.Tensor, '*h n']:
+    """The two bits of each cell, see `Surface`."""
+    return occupied[cell >> 2] >> ((cell & 3) << 1).to(torch.uint8) & 3
 
 
 def _ground_grid(ground: Float[torch.Tensor, 'n 3']) -> Float[torch.Tensor, ' columns']:

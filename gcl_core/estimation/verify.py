@@ -10,17 +10,26 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int32
 
 from gcl_core.estimation.surface import (
     CELL,
+    COLUMN_SLOPES,
     GROUND_CELL,
+    ROW_SLOPES,
     Surface,
     direction_cell,
     grid_cell,
     grid_shape,
+    numbers_of_grid,
+    occupied_at,
 )
+from gcl_core.ops.native.checks import check_counts
 from gcl_core.ops.repeatable import moved
+
+# Of the range: a degree of turn or tilt, and the thinning of beams. A float32, so that its product
+# with another is exact.
+THINNING = float(torch.tensor(0.02))
 
 
 @dataclass(frozen=True)
@@ -72,31 +81,52 @@ def verify(
 
 def _one_way(
     T: Float[torch.Tensor, 'h 4 4'], mover: Surface, other: Surface, tolerance: float
-) -> list[Float[torch.Tensor, ' h']]:
+) -> tuple[Float[torch.Tensor, ' h'], ...]:
     """Count solid points visible, in conflict, touching, close; ground known, agreeing."""
-    points = moved(T, mover.solid)
+    counts = check_counts(
+        T,
+        (mover.solid, mover.ground),
+        (other.near, other.far),
+        (COLUMN_SLOPES, ROW_SLOPES),
+        (other.occupied, numbers_of_grid(CELL)),
+        (other.height, numbers_of_grid(GROUND_CELL)),
+        tolerance,
+    )
+    counts = _counted(T, mover, other, tolerance) if counts is None else counts
+    return counts.float().unbind(1)
+
+
+def _counted(
+    T: Float[torch.Tensor, 'h 4 4'], mover: Surface, other: Surface, tolerance: float
+) -> Int32[torch.Tensor, 'h 6']:
+    points = _moved(T, mover.solid)
     cell, distance, inside = direction_cell(points)
     near, far = other.near.view(-1)[cell], other.far.view(-1)[cell]
-    slack = tolerance + 0.02 * distance  # a degree of turn or tilt, and the thinning of beams
+    slack = tolerance + THINNING * distance.double()
     # Seen: the other scan has returns in this direction, and none of them hides the point.
     visible = inside & (near > 0) & (distance < far + slack)
     conflict = visible & (distance < near - slack)
     cell, within = grid_cell(points, CELL)
-    occupied = other.occupied[cell]
+    occupied = occupied_at(other.occupied, cell)
     touching = visible & within & (occupied > 0)
     close = visible & within & (occupied > 1)
-    return [
-        c.sum(1).float()
-        for c in (visible, conflict, touching, close, *_ground(T, mover, other, tolerance))
-    ]
+    ground = _ground(T, mover, other, tolerance)
+    return torch.stack([c.sum(1).int() for c in (visible, conflict, touching, close, *ground)], 1)
 
 
 def _ground(
     T: Float[torch.Tensor, 'h 4 4'], mover: Surface, other: Surface, tolerance: float
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Which ground points lie where the other scan knows the ground, and which agree with it."""
-    points = moved(T, mover.ground)
+    points = _moved(T, mover.ground)
     cell, inside = grid_cell(points, GROUND_CELL)
     height = other.height[cell // grid_shape(GROUND_CELL)[2]]
     known = inside & ~height.isnan()
     return known, known & ((points[:, 2] - height).abs() < 0.5 * tolerance)
+
+
+def _moved(
+    T: Float[torch.Tensor, 'h 4 4'], points: Float[torch.Tensor, 'n 3']
+) -> Float[torch.Tensor, 'h 3 n']:
+    """Products are exact in float64: it does not matter which are fused with a sum."""
+    return moved(T.double(), points.double()).float()

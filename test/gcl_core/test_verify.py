@@ -1,11 +1,14 @@
 """Dense checks of true and of shifted alignments, on simulated scans."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
 
 from gcl_core import se3
 from gcl_core.data.sequence import T_target_source
+from gcl_core.estimation import verify as verify_module
 from gcl_core.estimation.likeness import keypoint_grid, likeness
 from gcl_core.estimation.surface import surface
 from gcl_core.estimation.verify import verify
@@ -100,3 +103,41 @@ def test_alike_features_that_meet_score_above_chance():
     assert abs(float(likeness(eye, shuffled, grid)[0])) < 0.3
     away = torch.from_numpy(se3.from_xyz_rpy(x=500.0))[None]
     assert float(likeness(away, features, grid)[1]) == 0
+
+
+def everywhere(T, count=40, seed=0):
+    """The transform, some around it, and some of which nothing is right; one far away."""
+    rng = np.random.default_rng(seed)
+    moves = [rng.normal(size=6) * scale for scale in (0.05, 0.5, 5.0) for _ in range(count // 3)]
+    away = [np.eye(4), se3.from_xyz_rpy(x=1000.0)]
+    offsets = [*away, *(se3.from_xyz_rpy(*m[:3], *(m[3:] / 5)) for m in moves)]
+    return torch.from_numpy(np.stack([offset @ T for offset in offsets])).float()
+
+
+@pytest.mark.usefixtures('compiled')
+def test_compiled_counts_are_torchs(pair):
+    source, target, T = pair
+    Ts = everywhere(T)
+    counts = verify_module._counted(Ts, source, target, 0.7)
+    assert int(counts.amax(0).min()) > 100
+    for threads in (1, 3):
+        ours = counted_with(threads, Ts, source, target)
+        assert torch.equal(torch.stack(ours, 1), counts.float())
+
+
+def counted_with(threads, Ts, source, target):
+    before = torch.get_num_threads()
+    try:
+        torch.set_num_threads(threads)
+        return verify_module._one_way(Ts, source, target, 0.7)
+    finally:
+        torch.set_num_threads(before)
+
+
+@pytest.mark.usefixtures('compiled')
+def test_nothing_is_counted_where_there_is_nothing(pair):
+    source, target, T = pair
+    none = replace(source, solid=source.solid[:0], ground=source.ground[:0])
+    Ts = torch.from_numpy(T).float()[None]
+    assert not torch.stack(verify_module._one_way(Ts, none, target, 0.7)).any()
+    assert torch.stack(verify_module._one_way(Ts[:0], source, target, 0.7)).shape == (6, 0)

@@ -23,6 +23,7 @@ from gcl_core.ops.native.instructions import OFF, SWITCH, InstructionSet, held, 
 
 log = logging.getLogger(__name__)
 SOURCES = (
+    'checks.cpp',
     'coarsen.cpp',
     'grids.cpp',
     'ground.cpp',

@@ -22,13 +22,14 @@ def grid_numbers(
 
 def occupancy(
     points: Float32[torch.Tensor, 'n 3'], grid: Float32[torch.Tensor, ' 7']
-) -> UInt8[torch.Tensor, ' cells'] | None:
+) -> UInt8[torch.Tensor, ' quarter'] | None:
     """Cells with points and beside them, see `gcl_core.estimation.surface`; None: torch's turn."""
     lib = library() if points.dtype == torch.float32 else None
     if lib is None:
         return None
     points = points.contiguous()
-    occupied = torch.zeros(math.prod(map(int, grid[4:].tolist())), dtype=torch.uint8)
+    cells = math.prod(map(int, grid[4:].tolist()))
+    occupied = torch.zeros(-(-cells // 4), dtype=torch.uint8)
     lib.gcl_occupancy(at(points), ctypes.c_int64(len(points)), at(grid), at(occupied))
     return occupied
 
