@@ -7,9 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int64
+
+from gcl_core.ops.native.distinct import distinct_rows
 
 DISTINCT_DISTANCE, DISTINCT_ANGLE = 3.0, math.radians(10.0)
+LEAST_TRACE = 1 + 2 * math.cos(DISTINCT_ANGLE)
 BLOCK = 256  # hypotheses that are compared with each other at a time
 
 
@@ -32,11 +35,12 @@ def distinct(
     a: Float[torch.Tensor, 'h 4 4'], b: Float[torch.Tensor, 'k 4 4']
 ) -> Bool[torch.Tensor, 'h k']:
     """Whether transforms mean another place or heading: over 3 m or 10 degrees apart."""
-    x, y, z = (a[:, None, :3, 3] - b[None, :, :3, 3]).square_().unbind(2)
+    x, y, z = (a[:, None, :3, 3] - b[None, :, :3, 3]).double().square_().unbind(2)
+    a, b = a.double(), b.double()
     trace = a.new_zeros(len(a), len(b))
     for i, j in ((i, j) for i in range(3) for j in range(3)):
         trace += a[:, i, j, None] * b[:, i, j]
-    return (x + y + z > DISTINCT_DISTANCE**2) | (trace < 1 + 2 * math.cos(DISTINCT_ANGLE))
+    return (x + y + z > DISTINCT_DISTANCE**2) | (trace < LEAST_TRACE)
 
 
 def turned_less(T: Float[torch.Tensor, 'h 4 4'], yaw: float) -> Bool[torch.Tensor, ' h']:
@@ -50,6 +54,14 @@ def distinct_best(
 ) -> list[int]:
     """Rows of the best transforms, best first, each distinct from all before it."""
     order = scores.argsort(descending=True, stable=True)[: int((scores > 0).sum())]
+    limits = {'squared_distance': DISTINCT_DISTANCE**2, 'least_trace': LEAST_TRACE}
+    found = distinct_rows(T, order, limit, **limits)
+    return _taken(T, order, limit) if found is None else found
+
+
+def _taken(
+    T: Float[torch.Tensor, 'h 4 4'], order: Int64[torch.Tensor, ' n'], limit: int
+) -> list[int]:
     rows = list[int]()
     for begin in range(0, len(order), BLOCK):
         block = order[begin : begin + BLOCK]

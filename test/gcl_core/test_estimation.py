@@ -6,11 +6,18 @@ import torch
 
 from gcl_core import se3
 from gcl_core.errors import GclError
-from gcl_core.estimation.hypothesis import distinct, distinct_best
+from gcl_core.estimation import hypothesis
+from gcl_core.estimation.hypothesis import (
+    DISTINCT_DISTANCE,
+    LEAST_TRACE,
+    distinct,
+    distinct_best,
+)
 from gcl_core.estimation.procrustes import from_moments, products
 from gcl_core.estimation.ransac import RansacConfig, ransac
 from gcl_core.estimation.refine import RefineConfig, Refined, prepare, refine, refine_all
 from gcl_core.evaluation import metrics
+from gcl_core.ops.native.distinct import distinct_rows
 from gcl_core.types import Correspondences
 
 
@@ -130,3 +137,16 @@ def test_what_nothing_holds_along_the_road_slides(along, slides):
     information = np.diag([along, 1e5, 1e5, 1e6, 1e6, 1e6])
     information[:2, :2] = turn[:2, :2] @ information[:2, :2] @ turn[:2, :2].T
     assert Refined(np.eye(4), information, walked=False).slides == slides
+
+
+@pytest.mark.usefixtures('compiled')
+@pytest.mark.parametrize('limit', [0, 1, 40, 1000])
+def test_compiled_choice_of_places_is_torchs(limit):
+    rng = np.random.default_rng(0)
+    where = rng.uniform([-20, -20, 0, -1], [20, 20, 1, 1], (700, 4))
+    poses = [se3.from_xyz_rpy(x, y, z, yaw=a) for x, y, z, a in where]
+    T, order = torch.from_numpy(np.stack(poses)).float(), torch.from_numpy(rng.permutation(700))
+    limits = {'squared_distance': DISTINCT_DISTANCE**2, 'least_trace': LEAST_TRACE}
+    expected = hypothesis._taken(T, order, limit) if limit else []
+    assert distinct_rows(T, order, limit, **limits) == expected
+    assert distinct_rows(T, order[:0], limit, **limits) == []
