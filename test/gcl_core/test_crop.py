@@ -5,7 +5,9 @@ from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
 from gcl_core import se3
+from gcl_core.estimation import crop
 from gcl_core.estimation.crop import meeting
+from gcl_core.ops.native.crop import near
 
 
 @settings(max_examples=30, deadline=None)
@@ -29,3 +31,15 @@ def test_whatever_can_meet_is_kept_and_little_else(seed, reach):
 def test_nothing_meets(T):
     points = np.random.default_rng(0).uniform(-5, 5, (50, 3)).astype(np.float32)
     assert [len(p) for p in meeting(points, points, T, 1.0)] == [0, 0]
+
+
+@pytest.mark.usefixtures('compiled')
+@pytest.mark.parametrize('count', [1, 3000])
+def test_compiled_choice_is_numpys(count):
+    rng = np.random.default_rng(count)
+    points, others = (rng.uniform(-30, 30, (count, 3)).astype(np.float32) for _ in range(2))
+    Ts = [se3.from_xyz_rpy(*rng.uniform(-9, 9, 3), yaw=rng.uniform(-3, 3)) for _ in range(2)]
+    for some in (Ts[:1], Ts, [Ts[0].copy('F')], [se3.from_xyz_rpy(x=1e6)]):
+        for at in (others, points):
+            ours = near(points, at, np.stack(some), 1.3)
+            np.testing.assert_array_equal(ours, crop._held(points, at, some, 1.3))

@@ -25,6 +25,7 @@ log = logging.getLogger(__name__)
 SOURCES = (
     'checks.cpp',
     'coarsen.cpp',
+    'crop.cpp',
     'distinct.cpp',
     'grids.cpp',
     'ground.cpp',
