@@ -1,5 +1,6 @@
 """`gcl_core.register`: whatever is at hand goes in, one result comes out."""
 
+import os
 import subprocess
 import sys
 
@@ -63,3 +64,15 @@ def test_importing_the_package_loads_nothing_heavy():
     )
     done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=True)
     assert done.stdout == "module 'gcl_core' has no attribute 'nothing'\n"
+
+
+@pytest.mark.parametrize(('own', 'held'), [(None, 'PASSIVE'), ('ACTIVE', 'ACTIVE')])
+def test_waiting_threads_sleep_unless_the_user_wants_them_to_spin(own, held):
+    code = 'import gcl_core, os, sys; print(os.environ["OMP_WAIT_POLICY"], "torch" in sys.modules)'
+    environment = {k: v for k, v in os.environ.items() if k != 'OMP_WAIT_POLICY'}
+    if own:
+        environment['OMP_WAIT_POLICY'] = own
+    done = subprocess.run(
+        [sys.executable, '-c', code], env=environment, capture_output=True, text=True, check=True
+    )
+    assert done.stdout.split() == [held, 'False']
