@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -103,13 +104,22 @@ class OursTimed:
 
 
 class _NetworkWatch:
-    """Adds up the milliseconds that a network runs."""
+    """Adds up the milliseconds during which a network runs, for one scan or for two at a time."""
 
     def __init__(self) -> None:
-        self.ms, self._began = 0.0, 0.0
+        self.ms = 0.0
+        self._lock, self._running, self._began = threading.Lock(), 0, 0.0
 
     def begin(self, *_: Any) -> None:
-        self._began = time.perf_counter()
+        """Start, before a forward pass."""
+        with self._lock:
+            if self._running == 0:
+                self._began = time.perf_counter()
+            self._running += 1
 
     def end(self, *_: Any) -> None:
-        self.ms += 1e3 * (time.perf_counter() - self._began)
+        """Stop, after a forward pass."""
+        with self._lock:
+            self._running -= 1
+            if self._running == 0:
+                self.ms += 1e3 * (time.perf_counter() - self._began)
