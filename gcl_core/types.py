@@ -211,13 +211,13 @@ class Registration:
         correspondences: correspondences that were offered.
         reason: why it is not accepted; empty if it is.
         ms: time of each stage in milliseconds, `total` among them.
-        headings: of the source that were searched.
         accepted: whether the transform is to be used.
         probability: that it is right within 0.6 m and 1.5 degrees, as calibrated.
         covariance: of x, y, z, rot_x, rot_y, rot_z (metres and radians, ROS's order) about the
             target's axes, if it is right; None without a transform or where refinement failed.
         calibrated: whether the calibration was made with these weights and settings. If not, the
             probability is that of others and may be far off.
+        headings: of the source that were searched.
     """
 
     T_target_source: Float[np.ndarray, '4 4'] | None
@@ -225,8 +225,8 @@ class Registration:
     correspondences: int
     reason: str = ''
     ms: dict[str, float] = field(default_factory=dict)
-    headings: int = 0
     accepted: bool = False
     probability: float = 0.0
     covariance: Float[np.ndarray, '6 6'] | None = None
     calibrated: bool = True
+    headings: int = 0

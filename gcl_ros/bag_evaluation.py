@@ -30,6 +30,7 @@ from gcl_ros.bag import Encounter, pair_list_label, read_encounters
 from gcl_ros.exchange import Exchange
 from gcl_ros.report import write_report
 from gcl_ros.session import through_node
+from gcl_ros.views import Scan
 
 
 def _prediction(
@@ -97,7 +98,7 @@ def raw(exchange: Exchange) -> Method:
     """Registers two raw clouds."""
 
     def method(source: PointCloud, target: PointCloud) -> np.ndarray | None:
-        result = exchange.register(source=exchange.raw(source), target=exchange.raw(target)).result
+        result = exchange.register(source=Scan(source), target=Scan(target)).result
         return result.T_target_source if result.accepted else None
 
     return method
