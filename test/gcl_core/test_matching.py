@@ -32,7 +32,8 @@ def test_mutual_matches_are_those_of_the_full_matrix(counts, monkeypatch):
     source, target = (features(n, seed=i) for i, n in enumerate(counts))
     matches = match(source=source, target=target, config=MatchConfig())
     s = source.descriptors @ target.descriptors.t()
-    rows, columns = ((s == s.amax(1, keepdim=True)) & (s == s.amax(0))).nonzero(as_tuple=True)
+    mutual = (s == s.amax(1, keepdim=True)) & (s == s.amax(0))
+    columns, rows = mutual.t().nonzero(as_tuple=True)  # in the order of the target
     assert torch.equal(matches.source, source.points[rows])
     assert torch.equal(matches.target, target.points[columns])
 
