@@ -143,7 +143,7 @@ def test_a_table_that_stands_twice_says_the_same():
             shared = first[head].keys() & second[head].keys()
             assert {k: first[head][k] for k in shared} == {k: second[head][k] for k in shared}
             compared += len(shared)
-    assert compared >= 7  # of what is accepted that must not be, in README.md and measured.md
+    assert compared >= 4  # of "How well it works" and "In short", in README.md and measured.md
 
 
 # Benchmarks do not write into the repository what no commit can make again
