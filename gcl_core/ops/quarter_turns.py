@@ -46,9 +46,11 @@ TurnedBack = tuple[Int64[torch.Tensor, ' k'], ...]  # under 0, 1, 2 and 3 quarte
 @cache
 def offsets_turned_back(shape: KernelShape) -> TurnedBack:
     """Offset that each offset of a kernel comes from under 0, 1, 2 and 3 quarter turns."""
-    offsets = torch.arange(shape.offsets, device='cpu')
-    grid = offsets.reshape(shape.edge, shape.edge, shape.height)
-    return tuple(torch.rot90(grid, turns, (0, 1)).flatten() for turns in range(TURNS))
+    # Whoever asks first may be describing; a tensor of inference mode could not be trained with.
+    with torch.inference_mode(False):
+        offsets = torch.arange(shape.offsets, device='cpu')
+        grid = offsets.reshape(shape.edge, shape.edge, shape.height)
+        return tuple(torch.rot90(grid, turns, (0, 1)).flatten() for turns in range(TURNS))
 
 
 def expand(

@@ -92,6 +92,16 @@ def test_convolution_of_turned_voxels(shape, lifts):
     torch.testing.assert_close(turned_out[back], roll_blocks(out, 1))
 
 
+def test_what_was_described_with_can_be_trained():
+    offsets_turned_back.cache_clear()
+    shape, keys = KernelShape(5, 3), encode(random_keys()).sort().values
+    layer, x = QuarterTurnConv(8, 12, shape), torch.randn(len(keys), 8)
+    with torch.inference_mode():
+        layer(x, same_map(keys, shape))
+    layer(x, same_map(keys, shape)).sum().backward()
+    assert layer.filters.grad is not None
+
+
 @pytest.mark.parametrize('edge', [2, 4])
 def test_strided_convolution_of_turned_voxels(edge):
     coords = random_keys(1)
