@@ -45,6 +45,7 @@ from gcl_core.view import View
 FEWEST_KEY_POINTS = 100  # anything fits a handful of points
 HEADINGS = (1, 4, 12)
 STEP = math.pi / 6  # between neighbouring headings of 12
+ALONG = math.radians(3.0)  # two scans whose streets differ by less need no other description
 TURN_MARGIN = 0.6  # of what weights bear: beyond it, headings are another turn's business
 
 
@@ -236,11 +237,9 @@ class Registrar:
     def _same_way(self, source: View, target: View) -> Heading:
         """The source as turned to the target's street, if both vehicles face the same way."""
         yaw = se3.yaw(target.T_view_lidar @ se3.inverse(source.T_view_lidar))
-        step = round(yaw / STEP) % 12
-        if step == 0:
+        if abs(yaw) < ALONG:
             return source.headings[0]
-        quarter, rest = divmod(step, 3)
-        return self.model.describe_headings(source.cloud, rest * STEP)[quarter]
+        return self.model.describe_headings(source.cloud, yaw)[0]
 
     def search(self, target: View, watch: Stopwatch) -> Search:
         """What finds hypotheses of a source against a target."""

@@ -95,19 +95,6 @@ def test_the_track_goes_on_between_registrations_and_ends(started, meeting):
     assert not rig.until(lambda: stamp() > 4.05, patience=0.5)
 
 
-def test_the_track_tells_the_heading_to_look_at(rig):
-    tracking = Tracking(rig.node, MotionConfig(), source='source', prefix='~/')
-    assert tracking.heading_at(1.0) is None
-    T = se3.from_xyz_rpy(x=20.0, yaw=2.5)
-    found = Registration(T, 500, 900, '', {}, True, 0.99, np.eye(6) * 1e-4)
-    tracking.registered(found, 'target_lidar', source=1.0, target=1.0)
-    assert tracking.heading_at(1.5) == pytest.approx(2.5)
-    assert tracking.heading_at(1.0 + MotionConfig().max_coast + 0.1) is None  # no odometry since
-    tracking.reset()
-    assert tracking.heading_at(1.0) is None
-    tracking.destroy()
-
-
 T_ACROSS = se3.from_xyz_rpy(x=20.0, yaw=np.pi / 2)
 FOUND = Registration(T_ACROSS, 500, 900, '', {}, True, 0.99, np.eye(6) * 1e-4)
 
