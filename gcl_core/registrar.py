@@ -156,14 +156,21 @@ class Registrar:
         """Largest heading that is left between a turned source and the target, radians."""
         return float((1 + TURN_MARGIN) * np.deg2rad(self.model.config.max_yaw_deg))
 
-    def view(self, cloud: PointCloud) -> View:
+    def view(
+        self, cloud: PointCloud, T_view_lidar: Float[np.ndarray, '4 4'] | None = None
+    ) -> View:
         """Describe a scan, and prepare it for checks and refinement.
+
+        Args:
+            cloud: the scan.
+            T_view_lidar: what turns it to its street, where that is known.
 
         Raises:
             GclError: no point lies within the network's range.
         """
         PointCloud.check(cloud)
-        T_view_lidar = self.model.facing(cloud)
+        if T_view_lidar is None:
+            T_view_lidar = self.model.facing(cloud)
         cloud = cloud.moved(T_view_lidar)
         if self.config.headings == 1:
             headings = [Heading(0.0, *self.model.describe([cloud]))]
@@ -185,7 +192,11 @@ class Registrar:
         """
         PointCloud.check(source, 'source')
         PointCloud.check(target, 'target')
-        return self._side_by_side(lambda: self.view(source), lambda: self.view(target))
+        # Vehicles that face the same way have their street on the same side.
+        street = self.model.facing(target) if self.config.headings == 1 else None
+        return self._side_by_side(
+            lambda: self.view(source, street), lambda: self.view(target, street)
+        )
 
     def register(self, *, source: PointCloud, target: PointCloud) -> Registration:
         """Find the transform that maps source points into the target frame.

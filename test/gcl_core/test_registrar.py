@@ -95,7 +95,7 @@ def test_one_heading_is_that_of_the_other_scan_where_a_street_lies_across(same_h
         PointCloud(se3.transform(se3.from_xyz_rpy(yaw=np.deg2rad(off)), drive.scan(i).points))
         for i, off in ((98, 40.0), (90, 50.0))
     ]
-    source, target = same_heading.views(source=clouds[0], target=clouds[1])
+    source, target = map(same_heading.view, clouds)
     assert abs(se3.yaw(source.T_view_lidar @ se3.inverse(target.T_view_lidar))) > 1.0
     result = same_heading.register_views(source=source, target=target)
     assert result.accepted
