@@ -16,7 +16,8 @@ import pytest
 import torch
 
 from gcl_core.ops import kernel_map
-from gcl_core.ops.native import build, instructions, kernels
+from gcl_core.ops.native import build, instructions
+from gcl_core.ops.native.kernel_map import search as compiled_search
 from gcl_core.ops.voxelize import encode
 
 ROOT = Path(__file__).parents[1]
@@ -190,5 +191,5 @@ def test_a_wheel_for_aarch64_runs_emulated(source, tmp_path, monkeypatch):
     monkeypatch.setattr(build, '_loaded', lambda _: emulated)
     generator = torch.Generator().manual_seed(1)
     keys = encode(torch.randint(-9, 9, (800, 3), generator=generator)).unique()
-    rows, _ = kernels.search(keys, keys, (3, 3), axis_bits=16, with_inverse=True)
+    rows, _ = compiled_search(keys, keys, (3, 3), axis_bits=16, with_inverse=True)
     assert torch.equal(rows, kernel_map.search(keys, keys, kernel_map.CUBE_3))
