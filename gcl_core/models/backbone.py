@@ -17,6 +17,7 @@ from torch import nn
 from gcl_core import se3
 from gcl_core.ops.ground import height_above_ground
 from gcl_core.ops.heading import dominant_heading
+from gcl_core.ops.quarter_turns import TURNS, join_blocks, roll_blocks
 from gcl_core.ops.voxelize import voxelize
 from gcl_core.types import Features, Heading, PointCloud, SparseTensor
 
@@ -38,6 +39,9 @@ class BackboneConfig:
         height_input: add the height above the local ground to the constant 1 of the paper.
         align: scans are turned to their dominant heading before they are described
             (`ops.heading`); whoever describes does it, knowing what else is to be turned.
+        quarter_turns: share filters over the quarter turns about z (`ops.quarter_turns`): a scan
+            turned by 90 degrees has the same features, their four blocks rolled by one. All
+            widths are of the four blocks together.
         max_yaw_deg: largest difference in heading between two described scans that trained
             weights bear.
     """
@@ -47,6 +51,7 @@ class BackboneConfig:
     descriptor: int = 32
     height_input: bool = False
     align: bool = False
+    quarter_turns: bool = False
     max_yaw_deg: float = 40.0
 
 
@@ -94,6 +99,12 @@ class Backbone(nn.Module, ABC, Generic[Config, Inputs]):
         height = height.clamp(-1.0, HEIGHT_LIMIT) / HEIGHT_SCALE
         features = torch.cat([voxels.features, height.unsqueeze(1)], 1)
         return SparseTensor(voxels.keys, voxels.points, features, voxels.splits)
+
+    def join(
+        self, up: Float[torch.Tensor, 'n a'], skip: Float[torch.Tensor, 'n b']
+    ) -> Float[torch.Tensor, 'n a+b']:
+        """Concatenate channels, block by block with `quarter_turns`."""
+        return join_blocks(up, skip) if self.config.quarter_turns else torch.cat([up, skip], 1)
 
     @abstractmethod
     def prepare(self, voxels: SparseTensor) -> Inputs:
@@ -154,6 +165,9 @@ class Backbone(nn.Module, ABC, Generic[Config, Inputs]):
         Raises:
             GclError: the scan has no point within `max_range`.
         """
+        if self.config.quarter_turns:
+            (own,) = self.describe([cloud])
+            return [Features(own.points, roll_blocks(own.descriptors, q)) for q in range(TURNS)]
         described = []
         for T_turned_lidar in QUARTER_TURNS:
             (seen,) = self.describe([cloud.moved(T_turned_lidar)])

@@ -16,7 +16,7 @@ from gcl_core.models.kpconv_blocks import BOTTLENECK, ConvNorm, ResidualBlock, U
 from gcl_core.ops.kernel_points import kernel_points
 from gcl_core.ops.kpconv import Influences, influences
 from gcl_core.ops.point_pyramid import PointPyramid, build_point_pyramid
-from gcl_core.ops.quarter_turns import TURNS, QuarterTurnLinear, join_blocks, roll_blocks
+from gcl_core.ops.quarter_turns import TURNS, QuarterTurnLinear
 from gcl_core.types import Features, PointCloud, SparseTensor
 
 # Mean distance of the kernel points from their centre, in extents (KPConv, section 3.2; public
@@ -38,9 +38,7 @@ class KPConvConfig(BackboneConfig):
             mirror the encoder as the paper says; without them it is KP-FCNN, as in public code.
         radius: of a neighbourhood, cells.
         extent: distance from a kernel point at which its influence ends, cells.
-        kernel: kernel points, one of them in the centre.
-        quarter_turns: share filters over the quarter turns about z, as `ResUNetConfig` does; the
-            kernel points lie in orbits. All widths are of the four blocks together.
+        kernel: kernel points, one of them in the centre; in orbits with `quarter_turns`.
         limits: most neighbours in each level, from
             `python -m gcl_core.training.neighbor_limits`.
     """
@@ -53,7 +51,6 @@ class KPConvConfig(BackboneConfig):
     radius: float = 4.25
     extent: float = 2.0
     kernel: int = 15
-    quarter_turns: bool = False
     limits: tuple[int, ...] = (60, 66, 70, 75)
 
     def __post_init__(self) -> None:
@@ -122,11 +119,10 @@ class KPConvResUNet(Backbone[KPConvConfig, PointPyramid]):
         )
 
     def describe_quarters(self, cloud: PointCloud) -> list[Features]:
-        """Describe as `Backbone` does; in one pass with `quarter_turns`, else on the same maps."""
-        prepared, described = self.prepare(self.voxelize([cloud])), []
+        """Describe as `Backbone` does; without `quarter_turns` neighbours are searched once."""
         if self.config.quarter_turns:
-            (own,) = self.describe_prepared(prepared)
-            return [Features(own.points, roll_blocks(own.descriptors, q)) for q in range(TURNS)]
+            return super().describe_quarters(cloud)
+        prepared, described = self.prepare(self.voxelize([cloud])), []
         for quarter, T_turned_lidar in enumerate(QUARTER_TURNS):
             (seen,) = self.describe_prepared(prepared.turned(quarter))
             described.append(Features(turned_back(seen.points, T_turned_lidar), seen.descriptors))
@@ -148,7 +144,7 @@ class KPConvResUNet(Backbone[KPConvConfig, PointPyramid]):
                 felt = self._felt(inputs, level + 1, level)
                 x = self.down[level](x, felt, inputs.down[level])
         for step, level in enumerate(range(last - 1, config.output_level - 1, -1)):
-            x = self._join(x[inputs.up[level]], skips[level])
+            x = self.join(x[inputs.up[level]], skips[level])
             if level > config.output_level:
                 x = leaky(self.up[step](x))
                 if config.decoder_blocks:
@@ -156,11 +152,6 @@ class KPConvResUNet(Backbone[KPConvConfig, PointPyramid]):
         output = config.output_level
         descriptors = nn.functional.normalize(self.head(x.float()), dim=1)
         return inputs.points[output], descriptors, inputs.splits[output]
-
-    def _join(
-        self, up: Float[torch.Tensor, 'n a'], skip: Float[torch.Tensor, 'n b']
-    ) -> Float[torch.Tensor, 'n a+b']:
-        return join_blocks(up, skip) if self.config.quarter_turns else torch.cat([up, skip], 1)
 
     def _felt(self, inputs: PointPyramid, outputs: int, level: int) -> Influences:
         """Influences of a level's points on themselves or on those of the next level."""

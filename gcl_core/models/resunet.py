@@ -14,9 +14,9 @@ from gcl_core.errors import GclError
 from gcl_core.models.backbone import Backbone, BackboneConfig
 from gcl_core.models.blocks import ConvNorm, Linear, ResidualBlock
 from gcl_core.ops.kernel_map import KernelShape, build_pyramid
-from gcl_core.ops.quarter_turns import TURNS, QuarterTurnLinear, join_blocks, roll_blocks
+from gcl_core.ops.quarter_turns import TURNS, QuarterTurnLinear
 from gcl_core.ops.voxelize import barycentres
-from gcl_core.types import Features, PointCloud, SparseTensor
+from gcl_core.types import SparseTensor
 
 
 @dataclass(frozen=True)
@@ -30,9 +30,6 @@ class ResUNetConfig(BackboneConfig):
             to the output: three for features on the input voxels (the paper), two for features
             at stride 2, which cost a third.
         head: channels between the two 1x1 layers.
-        quarter_turns: share filters over the quarter turns about z (`ops.quarter_turns`): a scan
-            turned by 90 degrees has the same features, their four blocks rolled by one. All
-            widths are of the four blocks together.
         block: kernel of the residual blocks: edge and height, voxels.
         stride_kernel: edge of the kernels at stride 2; even with `quarter_turns`, since an odd
             one is not symmetric on the grid of stride 2.
@@ -42,7 +39,6 @@ class ResUNetConfig(BackboneConfig):
     encoder: tuple[int, ...] = (32, 64, 128, 256)
     decoder: tuple[int, ...] = (256, 128, 128)
     head: int = 128
-    quarter_turns: bool = False
     block: tuple[int, int] = (3, 3)
     stride_kernel: int = 3
 
@@ -117,21 +113,9 @@ class ResUNet(Backbone[ResUNetConfig, SparseTensor]):
         shape = KernelShape(*self.config.block)
         return ResidualBlock(channels, shape, quarter_turns=self.config.quarter_turns)
 
-    def _join(
-        self, up: Float[torch.Tensor, 'n a'], skip: Float[torch.Tensor, 'n b']
-    ) -> Float[torch.Tensor, 'n a+b']:
-        return join_blocks(up, skip) if self.config.quarter_turns else torch.cat([up, skip], 1)
-
     def prepare(self, voxels: SparseTensor) -> SparseTensor:
         """Nothing: the kernel maps are made where the network computes."""
         return voxels
-
-    def describe_quarters(self, cloud: PointCloud) -> list[Features]:
-        """Describe as `Backbone` does; with `quarter_turns` in one pass."""
-        if not self.config.quarter_turns:
-            return super().describe_quarters(cloud)
-        (own,) = self.describe([cloud])
-        return [Features(own.points, roll_blocks(own.descriptors, q)) for q in range(TURNS)]
 
     def forward(
         self, inputs: SparseTensor
@@ -157,7 +141,7 @@ class ResUNet(Backbone[ResUNetConfig, SparseTensor]):
         for step, (up, block) in enumerate(zip(self.up, self.decode, strict=True)):
             level = len(skips) - 2 - step
             x = up(x, pyramid.down[level].transposed())
-            x = self._join(block(x, pyramid.same[level]), skips[level])
+            x = self.join(block(x, pyramid.same[level]), skips[level])
         descriptors = nn.functional.normalize(self.head(x.float()), dim=1)
 
         points = inputs.points
