@@ -39,7 +39,7 @@ from gcl_core.ops.native.instructions import held
 from gcl_core.ops.native.kernels import kernels_for
 from gcl_core.ops.threads import SideBySide
 from gcl_core.stopwatch import Stopwatch
-from gcl_core.types import Heading, PointCloud, Registration
+from gcl_core.types import Features, Heading, PointCloud, Registration
 from gcl_core.view import View
 
 FEWEST_KEY_POINTS = 100  # anything fits a handful of points
@@ -147,11 +147,6 @@ class Registrar:
         return f'{str(self.model.dtype).split(".")[1]}, {kernels}'
 
     @property
-    def _compared_in(self) -> torch.dtype:
-        """Dtype in which descriptors are compared."""
-        return zoo.dtype_named(self.config.precision)
-
-    @property
     def max_yaw(self) -> float:
         """Largest heading that is left between a turned source and the target, radians."""
         return float((1 + TURN_MARGIN) * np.deg2rad(self.model.config.max_yaw_deg))
@@ -214,6 +209,11 @@ class Registrar:
     ) -> Registration:
         """Register scans that were prepared by `view`."""
         watch = watch or Stopwatch()
+        few = min(len(source.features), len(target.features))
+        if few < FEWEST_KEY_POINTS:
+            reason = f'a scan has {few} key points, {FEWEST_KEY_POINTS} needed'
+            calibrated = not self.uncalibrated
+            return Registration(None, 0, 0, reason, watch.stop(), calibrated=calibrated)
         search = self.search(target, watch)
         for look in self.looks(source=source, target=target, watch=watch):
             result = self._decide(look, target, search, watch)
@@ -236,7 +236,8 @@ class Registrar:
                 yield replace(source, headings=(self._same_way(source, target),))
             return
         with watch('match'):
-            headings = likeliest_first(source.headings, target.features, self._compared_in)
+            dtype = zoo.dtype_named(self.config.precision)
+            headings = likeliest_first(source.headings, target.features, dtype)
         yield replace(source, headings=tuple(headings[:1]))
         yield replace(source, headings=tuple(headings))
         if self.config.headings > len(headings):
@@ -254,16 +255,7 @@ class Registrar:
 
     def search(self, target: View, watch: Stopwatch) -> Search:
         """What finds hypotheses of a source against a target."""
-        config = self.config
-        return Search(
-            target=target.features,
-            matching=config.match,
-            estimator=config.estimator,
-            max_distance=config.max_distance,
-            max_yaw=self.max_yaw,
-            dtype=self._compared_in,
-            watch=watch,
-        )
+        return search_for(target.features, self.config, max_yaw=self.max_yaw, watch=watch)
 
     def hypotheses(self, search: Search, source: View) -> tuple[list[Hypothesis], int]:
         """The best distinct hypotheses at the headings of a source; how many correspondences."""
@@ -274,11 +266,6 @@ class Registrar:
         self, source: View, target: View, search: Search, watch: Stopwatch
     ) -> Registration:
         """Search, check, refine and judge at the headings of a source; between the views."""
-        few = min(len(source.features), len(target.features))
-        if few < FEWEST_KEY_POINTS:
-            return Registration(
-                None, 0, 0, f'a scan has {few} key points, {FEWEST_KEY_POINTS} needed'
-            )
         hypotheses, offered = self.hypotheses(search, source)
         if not hypotheses:
             reason = f'no consistent correspondences within {self.config.max_distance:g} m'
@@ -353,6 +340,21 @@ class Registrar:
                 winner.refined.information, winner.refined.residual
             ),
         )
+
+
+def search_for(
+    target: Features, config: RegistrarConfig, *, max_yaw: float, watch: Stopwatch
+) -> Search:
+    """What finds hypotheses against features of a target, see `Search`."""
+    return Search(
+        target=target,
+        matching=config.match,
+        estimator=config.estimator,
+        max_distance=config.max_distance,
+        max_yaw=max_yaw,
+        dtype=zoo.dtype_named(config.precision),
+        watch=watch,
+    )
 
 
 def between_lidars(result: Registration, *, source: View, target: View) -> Registration:

@@ -12,12 +12,10 @@ from jaxtyping import Float
 
 from gcl_core import se3
 from gcl_core.estimation.refine import prepare, refine
-from gcl_core.estimation.search import Search
 from gcl_core.evaluation.peers import fpfh_features
 from gcl_core.evaluation.predict import Outcome
 from gcl_core.matching.match import MatchConfig
-from gcl_core.models import zoo
-from gcl_core.registrar import Registrar, RegistrarConfig
+from gcl_core.registrar import Registrar, RegistrarConfig, search_for
 from gcl_core.stopwatch import Stopwatch
 from gcl_core.types import Features, Heading, PointCloud
 
@@ -54,15 +52,8 @@ class Described:
 
 def best_hypothesis(pair: Described, config: RegistrarConfig) -> Float[np.ndarray, '4 4'] | None:
     """Match and estimate at every heading; T_target_source of most support."""
-    search = Search(
-        target=pair.target,
-        matching=config.match,
-        estimator=config.estimator,
-        max_distance=config.max_distance,
-        max_yaw=np.pi if config.match == PAPER_MATCHES else pair.max_yaw,  # the paper has no limit
-        dtype=zoo.dtype_named(config.precision),
-        watch=Stopwatch(),
-    )
+    max_yaw = np.pi if config.match == PAPER_MATCHES else pair.max_yaw  # the paper has no limit
+    search = search_for(pair.target, config, max_yaw=max_yaw, watch=Stopwatch())
     found, _ = search.at(pair.headings)
     if not found:
         return None
