@@ -46,5 +46,5 @@ RANGES: dict[str, tuple[float, float]] = {
 
 
 def range_of(name: str) -> tuple[float, float] | None:
-    """Range of a parameter such as `registrar.turns`; None where any value may do."""
+    """Range of a parameter such as `registrar.headings`; None where any value may do."""
     return RANGES.get(name.rsplit('.', 1)[-1])

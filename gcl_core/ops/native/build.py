@@ -52,7 +52,7 @@ SHIPPED = Path(__file__).with_name('lib')  # in a wheel
 
 
 def library() -> ctypes.CDLL | None:
-    """Load the kernels, compiled here if the package has none (2 s, once); None if that fails.
+    """Load the kernels, compiled here, once, if the package has none; None if that fails.
 
     Says in the log, once, which it is and why.
 
